@@ -1,4 +1,4 @@
-"""Bags of ROS 2 as another program writes them: for tests that read them."""
+"""ROS 2 bags as other programs write them, for tests that read them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -44,20 +44,20 @@ def pose(at: float, parts: Sequence[float], frame: str = "base_link") -> Any:
 
 
 def transform(at: float, parts: Sequence[float], child: str = "tcp") -> Any:
-    moved = make(
+    message = make(
         "geometry_msgs/msg/Transform", make("geometry_msgs/msg/Vector3", *parts[:3]), turn(parts[3:])
     )
     return make(
         TRANSFORMS,
         [
-            make("geometry_msgs/msg/TransformStamped", header(at, "base_link"), name, moved)
+            make("geometry_msgs/msg/TransformStamped", header(at, "base_link"), name, message)
             for name in ("elbow", child)
         ],
     )
 
 
 def press(count: int = 200, rate: float = 100.0) -> tuple[list[Row], list[Row]]:
-    """Wrenches and poses of a tool that goes down 10 mm/s, and is pressed back by 1 N/mm from 10 mm on."""
+    """Return wrenches and poses of a tool that moves down at 10 mm/s, and is pushed back by 1 N/mm from 10 mm on."""
     times = [number / rate for number in range(count)]
     forces = [max(0.0, 10.0 * at - 10.0) for at in times]
     wrenches: list[Row] = [
@@ -73,7 +73,7 @@ def write(
     storage: StoragePlugin = StoragePlugin.MCAP,
     logged: Callable[[int], int] = lambda number: ZERO_NS + number * 10_000_000,
 ) -> Path:
-    """A bag of topics by name: type and messages. `logged` is the time of recording of each, ns."""
+    """Write a bag of topics by name: type and messages. `logged` is the log time of each, ns."""
     with Writer(path, version=9, storage_plugin=storage) as bag:
         for name, (kind, rows) in topics.items():
             connection = bag.add_connection(name, kind, typestore=STORE)
@@ -85,7 +85,7 @@ def write(
 def pressed(
     path: Path, storage: StoragePlugin = StoragePlugin.MCAP, more: Mapping[str, Any] | None = None
 ) -> Path:
-    """A bag of `press`."""
+    """Write a bag of `press`."""
     wrenches, poses = press()
     topics = {
         "/ft/wrench": (WRENCH, [wrench(*row) for row in wrenches]),

@@ -1,4 +1,4 @@
-"""The whole loop in virtual time, with hands on the cell and the wires while it runs."""
+"""The complete loop in virtual time, with access to the cell and the wires while it runs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ from tests.paper_cell import PaperCell
 
 
 class CutCan:
-    """A CAN wire on which, once cut, nothing arrives any more."""
+    """CAN wire on which nothing arrives any more once it is cut."""
 
     def __init__(self, inner: Transport[Frames]) -> None:
         self._inner = inner
@@ -37,12 +37,12 @@ class CutCan:
 
 
 SOON_OVER: dict[str, Any] = {"run": {"duration_s": 5.0}, "limits": {"retract_patience_s": 0.5}}
-"""A run of five seconds at most, which waits half a second for a robot that cannot go back."""
+"""Settings of a run of at most five seconds, which waits half a second for a robot that cannot retract."""
 
 
 @dataclass
 class Bench:
-    """One run and what it left."""
+    """One run and its results."""
 
     config: Config
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Bench:
     ended_at: float = 0.0
     meddle: Callable[["Bench", CycleRecord], object] = lambda bench, record: None
     prepare: Callable[["Bench"], object] = lambda bench: None
-    """Called when the cell stands and before the first telegram to it."""
+    """Called when the cell exists, before the first telegram to it."""
     cell: PaperCell = field(init=False)
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
@@ -88,7 +88,7 @@ class Bench:
                 self.ended_at = clock.now()
 
     def wrapped(self, device: str, wire: Transport[Any]) -> Transport[Any]:
-        """The wires, with hands on them."""
+        """Return the wires, wrapped for access by the test."""
         if device == "robot":
             self.line = Faulty(wire, Faults(), seed=self.config.run.seed)
             return self.line
@@ -104,7 +104,7 @@ def run_bench(
     prepare: Callable[[Bench], object] | None = None,
     **sections: Any,
 ) -> Bench:
-    """Run the loop from just above the surface, with more settings as nested dictionaries.
+    """Run the loop from just above the surface, with further settings as nested dictionaries.
 
     `meddle` is called after every cycle.
     """

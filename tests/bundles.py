@@ -1,4 +1,4 @@
-"""Bundles of campaigns, taken apart and packed again: for tests that verify them."""
+"""Bundles of campaigns, unpacked and packed again, for tests that verify them."""
 
 import hashlib
 import json
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 Files = dict[str, bytes]
-"""Content of the files of a bundle by their names."""
+"""Contents of the files of a bundle by name."""
 
 
 def files_of(bundle: Path) -> Files:
@@ -15,8 +15,8 @@ def files_of(bundle: Path) -> Files:
         return {name: packed.read(name) for name in packed.namelist()}
 
 
-def packed_anew(place: Path, files: Files) -> Path:
-    """A sound zip file of these files."""
+def repack(place: Path, files: Files) -> Path:
+    """Return a valid zip file of these files."""
     with zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as target:
         for name, data in files.items():
             target.writestr(name, data)
@@ -24,7 +24,7 @@ def packed_anew(place: Path, files: Files) -> Path:
 
 
 def with_manifest(files: Files, **changes: Any) -> Files:
-    """The same with other values in the manifest, and the hash of each file as it is now."""
+    """Return the bundle with other values in the manifest, and the present hash of each file."""
     manifest = json.loads(files["manifest.json"])
     hashes = {
         name: hashlib.sha256(data).hexdigest() for name, data in files.items() if name != "manifest.json"

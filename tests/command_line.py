@@ -1,4 +1,4 @@
-"""The answer of a command in this process, and the arguments of a virtual run; the fixture `hil` runs commands."""
+"""Result of a command in this process, and the arguments of a virtual run; the fixture `hil` runs commands."""
 
 from collections.abc import Callable
 from typing import TypeAlias
@@ -10,7 +10,7 @@ VIRTUAL = ("run", "--virtual", "--no-view")
 
 
 def refused(result: Result) -> str:
-    """The one line that a refusal is."""
+    """Return the single line of a refusal."""
     code, _, errors = result
     assert code == 2, errors
     assert errors.startswith("hil-bridge: ")

@@ -1,6 +1,6 @@
-"""Settings for every test: the time of an example on a busy machine says nothing about the code.
+"""Settings for all tests: no deadline for examples, because their time on a busy machine says nothing about the code.
 
-Examples are the same in every run, so that a run that fails fails again; `--hypothesis-profile explore` draws others.
+Examples are the same in every run, so that a failing run fails again; `--hypothesis-profile explore` draws others.
 """
 
 import gc
@@ -32,7 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Select one tier. Of a test marked `sweep`, the gate runs the first case alone; of one marked `full`, none."""
+    """Select one tier. Of a test marked `sweep`, the gate runs only the first case; of one marked `full`, none."""
     if not (tier := config.getoption("--tier")):
         return
     tiers: dict[str, list[pytest.Item]] = {"gate": [], "full": []}
@@ -47,14 +47,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over thousands of collected tests: it would look at all of them each time."""
+    """Exclude thousands of collected tests from garbage collection, which would visit them each time."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(scope="session")
 def recordings(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Recordings:
-    """Recordings for tests that only read them. Processes that test side by side share their folder."""
+    """Return recordings for tests that only read them. Parallel test processes share their folder."""
     base = tmp_path_factory.getbasetemp()
     side_by_side = hasattr(request.config, "workerinput")
     return Recordings((base.parent if side_by_side else base) / "recordings")
@@ -62,7 +62,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory, request: pytest.Fixture
 
 @pytest.fixture
 def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
-    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    """Run `hil-bridge` with these arguments in an empty folder; return exit code, output and errors."""
     from hil_bridge.cli import main
 
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Observations of the guard, made from the facts that a test is about."""
+"""Observations of the guard, made from the facts that a test needs."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ _OF_SAMPLE = {field.name for field in fields(Sample)}
 
 
 def observed(before: Observation, **facts: Any) -> Observation:
-    """The observation with other facts, of its sample or its own. A position is judged unless it is None."""
+    """Return the observation with other facts, of its sample or its own. A position is checked unless it is None."""
     if "position" in facts and facts["position"] is None:
         del facts["position"]
         facts["tilt"] = None
@@ -23,6 +23,6 @@ def observed(before: Observation, **facts: Any) -> Observation:
 def observation(
     force: float, now: float = 100.0, resultant: float | None = None, sequence: int = 7, **facts: Any
 ) -> Observation:
-    """An observation of a fresh force along the approach, N."""
+    """Return an observation of a current force along the approach, N."""
     length = abs(force) if resultant is None else resultant
     return observed(Observation(Sample(now, (0.0, 0.0, 0.0), force, length, now, sequence)), **facts)

@@ -1,4 +1,4 @@
-"""The cell of the paper, an S3 and a JR3, made from their kinds: for tests that need a cell and no run."""
+"""The cell of the paper, an S3 and a JR3, made from their kinds, for tests that need a cell without a run."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -11,7 +11,7 @@ from hil_bridge.devices.sensors.jr3.settings import Jr3Settings
 from protocol.devices.jr3.registers import BoardClientProfile
 
 Jr3Receiver: TypeAlias = Gateway | UartGateway | Board
-"""A JR3 sensor with the device that reads it out."""
+"""JR3 sensor with its read-out device."""
 PaperCell: TypeAlias = Cell[S3Controller, Jr3Receiver]
 CELL_FAULTS = EmulatedKinds.named("s3", "jr3").faults
 """Faults of a cell of S3 and JR3 behind its CAN gateway, by target."""
@@ -19,11 +19,11 @@ CELL_FAULTS = EmulatedKinds.named("s3", "jr3").faults
 
 @dataclass(frozen=True)
 class PaperCellProfile(CellProfile, S3Profiles, Jr3Profiles):
-    """Everything that the cell is made of."""
+    """Complete profile of the cell."""
 
 
 class Receiver(NamedTuple):
-    """Which device reads the sensor out."""
+    """Device that reads the sensor out."""
 
     kind: str = "jr3"
     filter_number: int = 0
@@ -40,9 +40,9 @@ def s3_jr3_cell(
     site: S3Site = EMPTY_SITE,
     receiver: Receiver = GATEWAY,
 ) -> PaperCell:
-    """A cell that is powered up at `now`, s. `site` is what the robot controller holds.
+    """Return a cell that is powered up at `now`, s. `site` is the content of the robot controller.
 
-    Raises ValueError for a start outside the robot's work area, and for a program that has a wrong line.
+    Raises ValueError for a start outside the robot's work area, and for a program with an invalid line.
     """
     emulation = SENSORS.kind(receiver.kind).emulation
     assert emulation is not None

@@ -1,6 +1,6 @@
-"""Recordings that tests only read: each run is made once a test run, also where several processes test.
+"""Recordings that tests only read: each run is made once per test run, even with several test processes.
 
-A test that judges how a run is made, repeats it or watches it makes its own run.
+A test that checks how a run is made, repeats it or watches it makes its own run.
 """
 
 import fcntl
@@ -18,17 +18,17 @@ from hil_bridge.runs.recorded import Recording
 Settings = Mapping[str, Any]
 Faults = Sequence[Mapping[str, Any]]
 KEPT = 8
-"""Recordings that a process keeps in memory."""
+"""Number of recordings that a process keeps in memory."""
 
 
 class Recordings:
-    """A folder of recordings of runs in virtual time, by all that such a run depends on: its whole configuration.
+    """Folder of recordings of runs in virtual time, by everything such a run depends on: its complete configuration.
 
-    That holds the devices, the faults and the seed. Files that a configuration names must not change meanwhile.
+    That includes the devices, the faults and the seed. Files that a configuration names must not change meanwhile.
     """
 
     def __init__(self, folder: Path) -> None:
-        """`folder` is shared by the processes of one test run, and by no other test run."""
+        """`folder` is shared by the processes of one test run only."""
         self._folder = folder
         folder.mkdir(exist_ok=True)
         self._read = lru_cache(KEPT)(api.read)
@@ -41,10 +41,10 @@ class Recordings:
         seed: int | None = None,
         refused: bool = False,
     ) -> Path:
-        """The file of a run, which no test may change. It is made where there is none.
+        """Return the file of a run, which no test may change; make it if it does not exist.
 
-        `refused`: a device refuses the run before it moves, which leaves a recording, too. Raises ConfigError for a
-        configuration, and what a run raises that is refused unasked.
+        `refused`: a device refuses the run before it moves, which also leaves a recording. Raises ConfigError for an
+        invalid configuration, and the error of a run that is refused unexpectedly.
         """
         config = api.load(settings, faults=faults, seed=seed)
         key = json.dumps([refused, config.model_dump(mode="json")], sort_keys=True)
@@ -65,12 +65,12 @@ class Recordings:
         seed: int | None = None,
         refused: bool = False,
     ) -> Recording:
-        """The same, read."""
+        """Return the recording of a run."""
         return self._read(self.path(settings, faults=faults, seed=seed, refused=refused))
 
 
 def _save(config: api.Config, path: Path, refused: bool) -> None:
-    """Run, and leave a whole file or none."""
+    """Run, and leave a complete file or none."""
     begun: list[api.Simulation] = []
 
     async def main() -> None:

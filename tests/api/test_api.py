@@ -1,4 +1,4 @@
-"""The Python interface: stable names, the same run as the command's, arrays, controllers, observers, a run by hand."""
+"""Python interface: stable names, same run as the command's, arrays, controllers, observers, controlled runs."""
 
 import asyncio
 import inspect
@@ -34,7 +34,7 @@ SIGNATURES = {
     "run_virtual": "(main) -> T",
     "run_real": "(main, busy_poll_s=0.0) -> T",
 }
-"""Of every function; what an asynchronous context manager gives stands for it."""
+"""Signatures of all functions; for an asynchronous context manager, with the type that it yields."""
 MEMBERS = {
     "Result": "arrays cause cycles events exit_code figures followed left outcome plot recording report retracted save "
     "steps text traffic truths",
@@ -53,13 +53,13 @@ TYPES = (
 
 @dataclass(frozen=True)
 class Proportional:
-    """A user's own controller: a step that is proportional to the error."""
+    """Controller of a user: a step proportional to the error."""
 
     gain_m_n: float = 2e-5
     name = "own"
 
     def initial(self) -> None:
-        """It remembers nothing."""
+        """Return no state."""
 
     def step(self, state: None, measurement: api.Measurement, reference: float) -> tuple[None, api.Command]:
         error = reference - measurement.force
@@ -74,13 +74,13 @@ def result() -> api.Result:
     return api.simulate(SHORT, seed=7)
 
 
-def encoded(records: Any) -> list[bytes]:
-    """Records with NaN are equal when their messages are."""
+def comparable(records: Any) -> list[bytes]:
+    """Return records in a form that compares equal with NaN."""
     topics = {topic.record: topic for topic in TOPICS}
     return [topics[type(record)].encode(record) for record in records]
 
 
-def test_stable_names_are_these() -> None:
+def test_api_stable_names() -> None:
     assert api.__all__ == sorted([*SIGNATURES, *ERRORS.split(), *TYPES.split()])
     assert set(api.__all__) <= set(dir(hil_bridge))
     for name in api.__all__:
@@ -89,36 +89,36 @@ def test_stable_names_are_these() -> None:
         _ = hil_bridge.nothing
 
 
-def test_stable_signatures_are_these() -> None:
-    for name, wanted in SIGNATURES.items():
+def test_api_stable_signatures() -> None:
+    for name, expected in SIGNATURES.items():
         signature = inspect.signature(getattr(api, name))
         bare = [each.replace(annotation=each.empty) for each in signature.parameters.values()]
-        given = getattr(signature.return_annotation, "__args__", (signature.return_annotation,))[0]
-        told = str(inspect.Signature(bare))
-        assert f"{told} -> {given.__name__}" == wanted, name
+        annotation = getattr(signature.return_annotation, "__args__", (signature.return_annotation,))[0]
+        bare_text = str(inspect.Signature(bare))
+        assert f"{bare_text} -> {annotation.__name__}" == expected, name
 
 
-def test_stable_members_are_these(result: api.Result) -> None:
+def test_api_stable_members(result: api.Result) -> None:
     async def main() -> list[Any]:
         async with api.open_devices(SHORT) as devices:
-            found: list[Any] = [result, devices]
+            contents: list[Any] = [result, devices]
         async with api.simulation(SHORT) as running:
-            found.append(running)
-        return found
+            contents.append(running)
+        return contents
 
-    for thing, (name, members) in zip(api.run_virtual(main), MEMBERS.items(), strict=True):
-        assert type(thing) is getattr(api, name)
-        assert [member for member in dir(thing) if not member.startswith("_")] == members.split()
+    for value, (name, members) in zip(api.run_virtual(main), MEMBERS.items(), strict=True):
+        assert type(value) is getattr(api, name)
+        assert [member for member in dir(value) if not member.startswith("_")] == members.split()
 
 
-def test_import_of_the_package_alone_is_light() -> None:
+def test_api_package_import_is_light() -> None:
     code = "import sys, hil_bridge; print(sorted(n for n in sys.modules if n in ('numpy', 'pydantic', 'asyncio')))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"
 
 
 @pytest.mark.full
-def test_recording_is_that_of_the_command(result: api.Result, tmp_path: Any) -> None:
+def test_simulate_recording_matches_command(result: api.Result, tmp_path: Any) -> None:
     config = tmp_path / "short.toml"
     config.write_text(f"{AWAKE_TOML}{CLOSE_TOML}run.duration_s = 0.5\n", encoding="utf-8")
     path = tmp_path / "run.mcap"
@@ -126,8 +126,8 @@ def test_recording_is_that_of_the_command(result: api.Result, tmp_path: Any) -> 
     subprocess.run([sys.executable, "-m", "hil_bridge", *command], check=True, stdout=subprocess.DEVNULL)
     recording, traffic = read_with_traffic(path)
     assert len(recording.cycles) > 5
-    for there, here in zip(recording.cycles, result.cycles, strict=True):
-        assert encoded([there]) == encoded([here]), f"cycle {there.cycle}"
+    for recorded, simulated in zip(recording.cycles, result.cycles, strict=True):
+        assert comparable([recorded]) == comparable([simulated]), f"cycle {recorded.cycle}"
     pairs: list[tuple[tuple[Record, ...], tuple[Record, ...]]] = [
         (recording.sensors, result.recording.sensors),
         (recording.truths, result.truths),
@@ -136,20 +136,20 @@ def test_recording_is_that_of_the_command(result: api.Result, tmp_path: Any) -> 
         (traffic.sensor, result.traffic.sensor),
     ]
     for theirs, ours in pairs:
-        assert encoded(theirs) == encoded(ours)
+        assert comparable(theirs) == comparable(ours)
     for name in ("metadata", "end", "truncated", "devices", "unix_zero_ns", "steps", "removed"):
         assert getattr(recording, name) == getattr(result.recording, name), name
     assert result.save(tmp_path / "own.mcap").read_bytes() == path.read_bytes()
-    with pytest.raises(api.ConfigError, match="there already"):
+    with pytest.raises(api.ConfigError, match="already exists"):
         result.save(path)
 
 
-def test_same_seed_gives_the_same_run_and_another_another(result: api.Result) -> None:
-    assert encoded(api.simulate(api.load(SHORT), seed=7).cycles) == encoded(result.cycles)
-    assert encoded(api.simulate(SHORT, seed=8).cycles) != encoded(result.cycles)
+def test_simulate_depends_on_seed_only(result: api.Result) -> None:
+    assert comparable(api.simulate(api.load(SHORT), seed=7).cycles) == comparable(result.cycles)
+    assert comparable(api.simulate(SHORT, seed=8).cycles) != comparable(result.cycles)
 
 
-def test_arrays_hold_the_records_by_field(result: api.Result) -> None:
+def test_result_arrays_contain_records_by_field(result: api.Result) -> None:
     arrays, cycles = result.arrays, result.cycles
     assert arrays.force.tolist() == [cycle.force for cycle in cycles]
     assert arrays.position.shape == (len(cycles), 3)
@@ -176,45 +176,45 @@ def test_arrays_hold_the_records_by_field(result: api.Result) -> None:
     assert 0.0 < arrays.time[0] < 30.0
     with pytest.raises(ValueError, match="read-only"):
         arrays.force[0] = 1.0
-    with pytest.raises(AttributeError, match="no field is called 'forces'"):
+    with pytest.raises(AttributeError, match="unknown field 'forces'"):
         _ = arrays.forces
 
 
-def test_result_tells_figures_and_goes_to_other_processes(result: api.Result) -> None:
+def test_result_has_figures_and_can_be_pickled(result: api.Result) -> None:
     assert result.outcome == "completed"
     assert result.left.startswith("retracted")
     largest = result.figures.figures["largest_force_n"]
     assert largest is not None
     tracked = result.arrays.force[result.arrays.phase == "track"]
     assert largest == pytest.approx(max(tracked), abs=1e-9)
-    there = pickle.loads(pickle.dumps(result))
-    assert encoded(there.cycles) == encoded(result.cycles)
+    copy = pickle.loads(pickle.dumps(result))
+    assert comparable(copy.cycles) == comparable(result.cycles)
 
 
-def test_faults_come_after_those_of_the_configuration() -> None:
+def test_simulate_adds_faults_after_configured_ones() -> None:
     noise = {"on": "signal", "fault": "noise", "phase": "track"}
     stopped = api.simulate({**SHORT, "faults": [noise]}, faults=[STOP])
     assert stopped.outcome == "stopped"
     assert "emergency stop" in stopped.text
-    told = [event.text for event in stopped.events if event.kind == EventKind.FAULT]
-    assert any(text.startswith("signal: noise") for text in told)
-    assert any(text.startswith("robot: emergency-stop") for text in told)
+    faults = [event.text for event in stopped.events if event.kind == EventKind.FAULT]
+    assert any(text.startswith("signal: noise") for text in faults)
+    assert any(text.startswith("robot: emergency-stop") for text in faults)
 
 
 @pytest.mark.parametrize("robot", ["s3", "egm"])
-def test_a_controller_of_ones_own_decides(robot: str) -> None:
+def test_simulate_uses_controller_object(robot: str) -> None:
     config: dict[str, Any] = {"run": {"duration_s": 2.0, "period_ms": 180.0}, "robot": {"emulated": robot}}
-    done = api.simulate(config, controller=Proportional(3e-5))
-    assert done.outcome == "completed"
-    assert done.recording.metadata["controller"] == "own"
-    assert '"parameters":{"gain_m_n":3e-05}' in done.recording.metadata["config"]
-    tracked = [cycle for cycle in done.cycles if cycle.phase == "track"]
+    result = api.simulate(config, controller=Proportional(3e-5))
+    assert result.outcome == "completed"
+    assert result.recording.metadata["controller"] == "own"
+    assert '"parameters":{"gain_m_n":3e-05}' in result.recording.metadata["config"]
+    tracked = [cycle for cycle in result.cycles if cycle.phase == "track"]
     steps = [cycle.explanation["feedback_m"] for cycle in tracked]
     expected = [3e-5 * (cycle.force_reference - cycle.force) for cycle in tracked]
     assert steps == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_controller_by_name_and_what_is_none() -> None:
+def test_simulate_selects_controller_by_name() -> None:
     assert api.simulate(SHORT, controller="pi").recording.metadata["controller"] == "pi"
     with pytest.raises(api.ConfigError, match="no controller 'pj'"):
         api.simulate(SHORT, controller="pj")
@@ -225,7 +225,7 @@ def test_a_controller_by_name_and_what_is_none() -> None:
 EGM = {**SHORT, "robot": {"emulated": "egm"}}
 
 
-def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> None:
+def test_simulate_reports_pace_of_untuned_controller() -> None:
     with pytest.warns(
         UserWarning,
         match="decides every 180 ms, but the robot takes an order every 4 ms",
@@ -239,7 +239,7 @@ def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> N
 
 
 @pytest.mark.filterwarnings("error")
-def test_nothing_is_told_of_the_pace_where_it_was_chosen_or_fits() -> None:
+def test_simulate_reports_no_pace_if_chosen_or_matching() -> None:
     @dataclass(frozen=True)
     class Declared(Proportional):
         sample_ms = 180.0
@@ -251,30 +251,30 @@ def test_nothing_is_told_of_the_pace_where_it_was_chosen_or_fits() -> None:
         ({**EGM, "controller": {"sample_ms": 4.0}}, Proportional(1e-6)),
         (EGM, None),
     ):
-        done = api.simulate(config, controller=controller)
-        assert not [event for event in done.events if event.kind == EventKind.PACE]
+        result = api.simulate(config, controller=controller)
+        assert not [event for event in result.events if event.kind == EventKind.PACE]
 
 
-def test_tunings_of_an_object_count_for_parameters_that_have_their_defaults() -> None:
+def test_simulate_tuning_keeps_changed_parameters() -> None:
     named = api.simulate(EGM, controller="pi")
-    given = api.simulate(EGM, controller=Pi())
-    assert [one.force for one in given.cycles] == [one.force for one in named.cycles]
+    default = api.simulate(EGM, controller=Pi())
+    assert [one.force for one in default.cycles] == [one.force for one in named.cycles]
     own = api.simulate(EGM, controller=Pi(proportional=0.1))
     assert '"proportional":0.1' in own.recording.metadata["config"]
     assert [one.force for one in own.cycles] != [one.force for one in named.cycles]
 
 
-def test_a_class_for_an_object_is_answered_in_words() -> None:
+def test_simulate_refuses_controller_class() -> None:
     with pytest.raises(
         api.ConfigError, match=r"Proportional is a class; give an instance, Proportional\(…\)"
     ):
         api.simulate(SHORT, controller=Proportional)  # type: ignore[arg-type]
 
 
-def test_observer_is_told_each_cycle_and_its_error_comes_out_after_the_retraction() -> None:
-    told: list[api.CycleRecord] = []
-    done = api.simulate(SHORT, observe=told.append)
-    assert tuple(told) == done.cycles
+def test_simulate_observer_error_is_raised_after_retraction() -> None:
+    records: list[api.CycleRecord] = []
+    result = api.simulate(SHORT, observe=records.append)
+    assert tuple(records) == result.cycles
 
     class Enough(Exception):
         pass
@@ -291,8 +291,8 @@ def test_observer_is_told_each_cycle_and_its_error_comes_out_after_the_retractio
     assert phases[-1] == "track"
 
 
-def test_errors_name_the_key(tmp_path: Any) -> None:
-    with pytest.raises(api.ConfigError, match=r"run\.duraton_s is no setting; did you mean duration_s\?"):
+def test_load_errors_name_key(tmp_path: Any) -> None:
+    with pytest.raises(api.ConfigError, match=r"run\.duraton_s is not a setting; did you mean duration_s\?"):
         api.simulate({"run": {"duraton_s": 2.0}})
     with pytest.raises(api.ConfigError, match=r"faults.0"):
         api.simulate(faults=[{"on": "robot", "fault": "tired"}])
@@ -302,11 +302,11 @@ def test_errors_name_the_key(tmp_path: Any) -> None:
         api.simulate({"sensor": {"url": "jr3+can+socketcan://can0"}})
 
 
-async def test_simulate_works_where_a_loop_runs_already() -> None:
+async def test_simulate_works_inside_running_loop() -> None:
     assert api.simulate(SHORT).outcome == "completed"
 
 
-def test_a_run_by_hand() -> None:
+def test_simulation_can_be_controlled() -> None:
     async def main() -> tuple[api.Simulation, float]:
         async with api.simulation(SHORT, seed=7) as running:
             await running.reached("track")
@@ -329,18 +329,18 @@ def test_a_run_by_hand() -> None:
     ]
 
 
-def test_leaving_a_run_that_goes_retracts_first() -> None:
+def test_simulation_retracts_on_leaving_active_run() -> None:
     async def main() -> api.Simulation:
         async def fail() -> None:
             async with api.simulation({"run": {"duration_s": 100.0}}) as running:
-                kept.append(running)
+                simulations.append(running)
                 await running.reached("track")
                 _ = 1 / 0
 
-        kept: list[api.Simulation] = []
+        simulations: list[api.Simulation] = []
         with pytest.raises(ZeroDivisionError):
             await fail()
-        return kept[0]
+        return simulations[0]
 
     result = api.run_virtual(main).result
     assert result.outcome == "interrupted"
@@ -348,12 +348,12 @@ def test_leaving_a_run_that_goes_retracts_first() -> None:
     assert len(result.cycles) < 60
 
 
-def test_a_cancelled_program_leaves_the_tool_off_the_surface() -> None:
-    kept: list[api.Simulation] = []
+def test_simulation_retracts_when_cancelled() -> None:
+    simulations: list[api.Simulation] = []
 
     async def watch() -> None:
         async with api.simulation({"run": {"duration_s": 100.0}}) as running:
-            kept.append(running)
+            simulations.append(running)
             await running.finished()
 
     async def main() -> None:
@@ -366,13 +366,13 @@ def test_a_cancelled_program_leaves_the_tool_off_the_surface() -> None:
             await task
 
     api.run_virtual(main)
-    result = kept[0].result
+    result = simulations[0].result
     assert result.outcome == "interrupted"
     assert result.left.startswith("retracted")
     assert result.cycles[-1].phase == "retract"
 
 
-def test_a_run_that_never_began_says_so() -> None:
+def test_simulation_without_start_reports_it() -> None:
     async def main() -> api.Simulation:
         async with api.simulation(SHORT) as running:
             pass
@@ -384,24 +384,24 @@ def test_a_run_that_never_began_says_so() -> None:
         _ = result.figures
 
 
-def test_a_device_that_fails_before_the_movement_raises_and_leaves_a_recording() -> None:
-    kept: list[api.Simulation] = []
+def test_simulation_early_device_failure_keeps_recording() -> None:
+    simulations: list[api.Simulation] = []
 
     async def main() -> None:
         fault = {"on": "sensor", "fault": "wrong-scales", "phase": "connect"}
         async with api.simulation(SHORT, faults=[fault]) as running:
-            kept.append(running)
+            simulations.append(running)
             await running.finished()
 
     with pytest.raises(api.BridgeError, match="force sensor") as error:
         api.run_virtual(main)
-    result = kept[0].result
+    result = simulations[0].result
     assert (result.outcome, result.text) == ("stopped", str(error.value))
     assert str(reason_of(result.recording.end)) == result.text
     assert result.cause is api.Cause.WEIGHT
 
 
-def test_a_controller_that_fails_is_blamed() -> None:
+def test_simulate_names_failing_controller() -> None:
     class Failing(Proportional):
         def step(
             self, state: None, measurement: api.Measurement, reference: float
@@ -414,7 +414,7 @@ def test_a_controller_that_fails_is_blamed() -> None:
     assert failed.left.startswith("retracted")
 
 
-def test_a_phase_that_never_comes_is_told() -> None:
+def test_simulation_reports_unreached_phase() -> None:
     async def main() -> None:
         stop = {"on": "robot", "fault": "emergency-stop", "phase": "approach"}
         async with api.simulation(SHORT, faults=[stop]) as running:
@@ -424,7 +424,7 @@ def test_a_phase_that_never_comes_is_told() -> None:
     api.run_virtual(main)
 
 
-def test_devices_without_a_run() -> None:
+def test_open_devices_without_run() -> None:
     async def main() -> None:
         async with api.open_devices({"robot": {"emulated": "egm"}}) as cell:
             report = await cell.robot.ready()
@@ -439,14 +439,14 @@ def test_devices_without_a_run() -> None:
             after = cell.sensor.newest
             assert after is not None
             assert after.at - before.at < 0.05
-            with pytest.raises(api.ConfigError, match="this sensor-wire cannot have"):
+            with pytest.raises(api.ConfigError, match="unknown fault 'tired' for target 'sensor-wire'"):
                 cell.panel.inject("sensor-wire", "tired")
 
     api.run_virtual(main)
 
 
-def test_a_module_of_the_package_is_had_without_the_interface() -> None:
-    """Modules of the interface ask for others so: to load it for them would go round in a circle."""
+def test_submodule_import_does_not_load_api() -> None:
+    """Modules of the interface import each other in this way; loading it for them would be a circular import."""
     code = "import sys; from hil_bridge import transports; sys.exit('hil_bridge.api' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     with pytest.raises(ImportError, match="cannot import name 'nonsense' from 'hil_bridge'"):

@@ -1,4 +1,4 @@
-"""The notebook among the tutorials runs from its first cell to its last, in a kernel as a reader has it."""
+"""The notebook tutorial runs completely in a kernel."""
 
 from pathlib import Path
 
@@ -13,25 +13,25 @@ TIMEOUT_S = 120
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_every_cell_runs_and_shows_what_the_text_says(tmp_path: Path) -> None:
+def test_notebook_tutorial_cells_show_documented_output(tmp_path: Path) -> None:
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     client = NotebookClient(notebook, timeout=TIMEOUT_S, resources={"metadata": {"path": str(tmp_path)}})
     client.execute()
-    shown = [
+    outputs = [
         output["data"]
         for cell in notebook.cells
         if cell.cell_type == "code"
         for output in cell.outputs
         if output["output_type"] == "execute_result"
     ]
-    assert "run.duration_s" in shown[0]["text/html"]
-    assert "<svg" in shown[1]["text/html"]
-    assert "image/png" in shown[2]
-    assert "<svg" in shown[5]["text/html"], "the run with a controller of the notebook's own"
-    assert "integral" in shown[6]["text/html"]
-    assert "stopped" in shown[7]["text/plain"]
-    assert "NOT retracted" in shown[7]["text/plain"], "the text says that `left` promises nothing"
-    assert shown[-1]["text/plain"].startswith("<Recording: completed")
+    assert "run.duration_s" in outputs[0]["text/html"]
+    assert "<svg" in outputs[1]["text/html"]
+    assert "image/png" in outputs[2]
+    assert "<svg" in outputs[5]["text/html"], "the run with the notebook's controller"
+    assert "integral" in outputs[6]["text/html"]
+    assert "stopped" in outputs[7]["text/plain"]
+    assert "NOT retracted" in outputs[7]["text/plain"], "the text says that `left` is not guaranteed"
+    assert outputs[-1]["text/plain"].startswith("<Recording: completed")
     assert not any(cell.get("outputs") for cell in nbformat.read(NOTEBOOK, as_version=4).cells), (
         "no outputs are kept"
     )

@@ -1,4 +1,4 @@
-"""The pictures of the architecture show rooms that there are, and imports that are made."""
+"""The architecture pictures show existing rooms and imports."""
 
 import grimp
 import pytest
@@ -11,13 +11,13 @@ def graph() -> grimp.ImportGraph:
     return grimp.build_graph("hil_bridge", "emulators", "protocol", cache_dir=None)
 
 
-def test_each_box_names_modules_that_there_are(graph: grimp.ImportGraph) -> None:
+def test_room_picture_boxes_name_existing_modules(graph: grimp.ImportGraph) -> None:
     named = [module for box in (*ROOMS.values(), *PATH) for module in box.modules]
     assert [module for module in named if module not in graph.modules] == []
 
 
 def imports(graph: grimp.ImportGraph, source: Box, target: Box) -> int:
-    """Imports from any module of the one box to any of the other."""
+    """Return the imports from modules of one box to modules of the other."""
     inside = {part for module in target.modules for part in (module, *graph.find_descendants(module))}
     return sum(
         len(graph.find_modules_directly_imported_by(part) & inside)
@@ -27,10 +27,10 @@ def imports(graph: grimp.ImportGraph, source: Box, target: Box) -> int:
 
 
 @pytest.mark.parametrize("arrow", ARROWS, ids=lambda arrow: f"{arrow.source}-{arrow.target}")
-def test_each_arrow_stands_for_imports(arrow: Arrow, graph: grimp.ImportGraph) -> None:
-    found = imports(graph, ROOMS[arrow.source], ROOMS[arrow.target])
+def test_room_picture_arrows_match_imports(arrow: Arrow, graph: grimp.ImportGraph) -> None:
+    links = imports(graph, ROOMS[arrow.source], ROOMS[arrow.target])
     if arrow.dashed:
-        assert found == 0  # by name, at run time
+        assert links == 0  # by name, at run time
     else:
-        assert found > 0
-        assert imports(graph, ROOMS[arrow.target], ROOMS[arrow.source]) == 0, "the arrow has a way back"
+        assert links > 0
+        assert imports(graph, ROOMS[arrow.target], ROOMS[arrow.source]) == 0, "the arrow has a reverse import"

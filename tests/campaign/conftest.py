@@ -1,4 +1,4 @@
-"""Results that several tests of campaigns read."""
+"""Campaign results shared by several tests."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def short_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of a study; a test changes a copy."""
+    """Results of a study; a test changes a copy."""
     folder = tmp_path_factory.mktemp("campaign")
     done(read_plan(study(folder)), folder / "study.sqlite")
     return folder / "study.sqlite"

@@ -1,4 +1,4 @@
-"""A small campaign in which half the runs fail, how it is run, and copies of its results with a change."""
+"""Small campaign in which half of the runs fail, its execution, and modified copies of its results."""
 
 import sqlite3
 from pathlib import Path
@@ -38,18 +38,18 @@ def study(folder: Path, seeds: int = 2, text: str = STUDY) -> Path:
     return path
 
 
-def done(plan: Plan, place: Path) -> None:
-    with Store.begin(place, plan) as store:
+def done(plan: Plan, path: Path) -> None:
+    with Store.begin(path, plan) as store:
         work(plan, store, missing(plan, store), workers=1)
 
 
-def changed(results: Path, place: Path, *statements: str) -> Path:
-    """A copy of the results in which something was changed."""
-    with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
+def changed(results: Path, path: Path, *statements: str) -> Path:
+    """Return a copy of the results with a modification."""
+    with sqlite3.connect(results) as source, sqlite3.connect(path) as target:
         source.backup(target)
         for sql in statements:
             target.execute(sql)
     source.close()
     target.commit()
     target.close()
-    return place
+    return path

@@ -1,4 +1,4 @@
-"""Bundles of a campaign: packed, verified, altered in every way, and files that only look like one."""
+"""Campaign bundles: packing, verification, every kind of alteration, and files that only resemble a bundle."""
 
 import hashlib
 import io
@@ -18,7 +18,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.bundle import UNPACKED_LIMIT_BYTES, draw_seeds, versions
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.verifying import unpack, verify
-from tests.bundles import Files, files_of, packed_anew, with_manifest
+from tests.bundles import Files, files_of, repack, with_manifest
 
 pytestmark = pytest.mark.sweep
 
@@ -29,29 +29,29 @@ def invoke(*arguments: object) -> Result:
 
 @pytest.fixture(scope="module")
 def bundle(short_results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bundle of SHORT, with one seed drawn."""
-    place = tmp_path_factory.mktemp("bundle") / "short.zip"
-    ended = invoke("campaign", "bundle", short_results, "-o", place, "--json")
+    """Bundle of SHORT, with one sampled seed."""
+    path = tmp_path_factory.mktemp("bundle") / "short.zip"
+    ended = invoke("campaign", "bundle", short_results, "-o", path, "--json")
     assert ended.exit_code == 0, ended.output
-    told = json.loads(ended.stdout)
-    assert (told["bundle"], told["runs"], told["left_out"]) == ("short.zip", 8, 0)
-    assert told["sha256"] == hashlib.sha256(place.read_bytes()).hexdigest()
-    return place
+    packed = json.loads(ended.stdout)
+    assert (packed["bundle"], packed["runs"], packed["left_out"]) == ("short.zip", 8, 0)
+    assert packed["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    return path
 
 
 def with_results(files: Files, folder: Path, statement: str) -> Files:
-    """The same with results in which a statement changed something."""
-    place = folder / "changed.sqlite"
-    place.write_bytes(files["results.sqlite"])
-    connection = sqlite3.connect(place)
+    """Bundle whose results were modified by an SQL statement."""
+    path = folder / "changed.sqlite"
+    path.write_bytes(files["results.sqlite"])
+    connection = sqlite3.connect(path)
     assert connection.execute(statement).rowcount == 1
     connection.commit()
     connection.close()
-    return {**files, "results.sqlite": place.read_bytes()}
+    return {**files, "results.sqlite": path.read_bytes()}
 
 
 @pytest.mark.full
-def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, short_results: Path) -> None:
+def test_bundle_contains_failed_and_sampled_recordings(bundle: Path, short_results: Path) -> None:
     files = files_of(bundle)
     manifest = json.loads(files["manifest.json"])
     with Store.open(short_results) as store:
@@ -68,52 +68,57 @@ def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, 
 
 
 @pytest.mark.full
-def test_a_sound_bundle_is_verified(bundle: Path) -> None:
+def test_intact_bundle_is_verified(bundle: Path) -> None:
     ended = invoke("campaign", "verify", bundle)
     assert ended.exit_code == 0, ended.output
     assert "7 files match the manifest" in ended.output
     assert "4 runs of seed " in ended.output
     assert ended.output.endswith("4 compared with their recordings\n  identical to the last bit\n")
-    told = json.loads(invoke("campaign", "verify", bundle, "--seeds", 2, "--json").stdout)
-    assert (told["repeated"], told["runs"], told["recordings"], told["differing"]) == ([1, 2], 8, 6, [])
-    assert told["sha256"] == hashlib.sha256(bundle.read_bytes()).hexdigest()
+    output = json.loads(invoke("campaign", "verify", bundle, "--seeds", 2, "--json").stdout)
+    assert (output["repeated"], output["runs"], output["recordings"], output["differing"]) == (
+        [1, 2],
+        8,
+        6,
+        [],
+    )
+    assert output["sha256"] == hashlib.sha256(bundle.read_bytes()).hexdigest()
 
 
 @pytest.mark.full
-def test_one_altered_byte_names_its_file(bundle: Path, tmp_path: Path) -> None:
-    """Inside the packed data: a byte of the zip's own heads changes no file."""
-    place, data = tmp_path / "altered.zip", bundle.read_bytes()
+def test_altered_byte_is_reported_with_file(bundle: Path, tmp_path: Path) -> None:
+    """The byte is inside the packed data: one in the zip's own headers changes no file."""
+    path, data = tmp_path / "altered.zip", bundle.read_bytes()
     with zipfile.ZipFile(bundle) as packed:
         entries = packed.infolist()
     for entry in entries:
-        begin = entry.header_offset + 30 + len(entry.filename)
+        start = entry.header_offset + 30 + len(entry.filename)
         for quarter in (1, 2, 3):
-            byte = begin + quarter * entry.compress_size // 4
-            place.write_bytes(data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :])
+            byte = start + quarter * entry.compress_size // 4
+            path.write_bytes(data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :])
             if entry.filename == "manifest.json":
                 with pytest.raises(ConfigError, match=r"altered\.zip: manifest\.json is damaged"):
-                    verify(place, 0)
+                    verify(path, 0)
                 continue
-            verified = verify(place, 0)
+            verified = verify(path, 0)
             assert verified.altered == (entry.filename,)
             assert not verified.good
-    ended = invoke("campaign", "verify", place, "--seeds", 0)
+    ended = invoke("campaign", "verify", path, "--seeds", 0)
     assert ended.exit_code == 1
     assert f"altered: {entries[-1].filename}\n" in ended.output
 
 
-def test_a_byte_altered_before_packing_names_its_file(bundle: Path, tmp_path: Path) -> None:
+def test_byte_altered_before_packing_is_reported(bundle: Path, tmp_path: Path) -> None:
     files = files_of(bundle)
     name = next(name for name in files if name.startswith("recordings/"))
     data = bytearray(files[name])
     data[len(data) // 2] ^= 0x80
-    verified = verify(packed_anew(tmp_path / "b.zip", {**files, name: bytes(data)}), 0)
+    verified = verify(repack(tmp_path / "b.zip", {**files, name: bytes(data)}), 0)
     assert verified.altered == (name,)
     del files[name]
-    verified = verify(packed_anew(tmp_path / "b.zip", files), 0)
+    verified = verify(repack(tmp_path / "b.zip", files), 0)
     assert (verified.altered, verified.missing, verified.good) == ((), (name,), False)
     files["recordings/0123456789abcdef.mcap"] = b""
-    assert verify(packed_anew(tmp_path / "b.zip", files), 0).unknown == ("recordings/0123456789abcdef.mcap",)
+    assert verify(repack(tmp_path / "b.zip", files), 0).unknown == ("recordings/0123456789abcdef.mcap",)
 
 
 MORE_FORCE = (
@@ -122,17 +127,17 @@ MORE_FORCE = (
 )
 
 
-def test_altered_results_are_named_and_not_opened(bundle: Path, tmp_path: Path) -> None:
+def test_altered_results_are_reported_and_not_opened(bundle: Path, tmp_path: Path) -> None:
     files = with_results(files_of(bundle), tmp_path, MORE_FORCE.format(seed=1))
-    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    verified = verify(repack(tmp_path / "b.zip", files), None)
     assert (verified.altered, verified.runs, verified.good) == (("results.sqlite",), 0, False)
 
 
-def test_a_run_that_is_not_repeated_is_named_though_every_hash_fits(bundle: Path, tmp_path: Path) -> None:
+def test_differing_run_is_reported_despite_valid_hashes(bundle: Path, tmp_path: Path) -> None:
     files = files_of(bundle)
     (drawn,) = json.loads(files["manifest.json"])["drawn"]
     files = with_results(files, tmp_path, MORE_FORCE.format(seed=drawn))
-    verified = verify(packed_anew(tmp_path / "b.zip", with_manifest(files)), None)
+    verified = verify(repack(tmp_path / "b.zip", with_manifest(files)), None)
     assert verified.altered == ()
     (run,) = verified.differing
     assert (run.seed, [one.figure for one in run.differences], run.cycle) == (
@@ -142,27 +147,27 @@ def test_a_run_that_is_not_repeated_is_named_though_every_hash_fits(bundle: Path
     )
 
 
-def test_a_recording_of_another_run_differs_from_its_first_cycle(bundle: Path, tmp_path: Path) -> None:
+def test_recording_of_other_run_differs_in_first_cycle(bundle: Path, tmp_path: Path) -> None:
     files = files_of(bundle)
     (drawn,) = json.loads(files["manifest.json"])["drawn"]
     (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
     with Store.open(tmp_path / "results.sqlite") as store:
         one, other = [f"recordings/{run.key}.mcap" for run in store.runs("seed = ?", [drawn])][:2]
     files = with_manifest({**files, one: files[other]})
-    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    verified = verify(repack(tmp_path / "b.zip", files), None)
     (run,) = verified.differing
     assert (run.seed, run.differences, f"recordings/{run.key}.mcap") == (drawn, (), one)
     assert run.cycle is not None
 
 
-def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) -> None:
+def test_unreadable_recording_is_reported(bundle: Path, tmp_path: Path) -> None:
     files = files_of(bundle)
     (drawn,) = json.loads(files["manifest.json"])["drawn"]
     (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
     with Store.open(tmp_path / "results.sqlite") as store:
         key = next(store.runs("seed = ?", [drawn])).key
     files = with_manifest({**files, f"recordings/{key}.mcap": b"nothing"}, versions={"numpy": "1.0"})
-    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    verified = verify(repack(tmp_path / "b.zip", files), None)
     lines = list(verified.lines)
     assert f"{key}: seed {drawn}, " in "\n".join(lines)
     assert "  differs: the recording, from cycle 0 on" in lines
@@ -171,31 +176,31 @@ def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) 
     )
 
 
-def test_another_version_is_told_and_alone_is_no_failure(bundle: Path, tmp_path: Path) -> None:
+def test_different_version_is_reported_without_failure(bundle: Path, tmp_path: Path) -> None:
     files = with_manifest(files_of(bundle), versions={**versions(), "numpy": "1.0", "Python": "3.9.1"})
-    place = packed_anew(tmp_path / "b.zip", files)
-    ended = invoke("campaign", "verify", place)
+    path = repack(tmp_path / "b.zip", files)
+    ended = invoke("campaign", "verify", path)
     assert ended.exit_code == 0, ended.output
     assert f"another version of numpy: packed with 1.0, here {versions()['numpy']}\n" in ended.output
-    told = json.loads(invoke("campaign", "verify", place, "--seeds", 0, "--json").stdout)
-    assert [one["package"] for one in told["other_versions"]] == ["Python", "numpy"]
+    output = json.loads(invoke("campaign", "verify", path, "--seeds", 0, "--json").stdout)
+    assert [one["package"] for one in output["other_versions"]] == ["Python", "numpy"]
 
 
-def test_results_that_cannot_be_read_are_told(bundle: Path, tmp_path: Path) -> None:
+def test_unreadable_results_are_reported(bundle: Path, tmp_path: Path) -> None:
     files = with_manifest({**files_of(bundle), "results.sqlite": b"no database"})
-    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    verified = verify(repack(tmp_path / "b.zip", files), None)
     (problem,) = verified.not_repeated
     assert problem.startswith("cannot read the results: ")
     assert not verified.good
 
 
-def test_results_that_do_not_repeat_are_not_packed(short_results: Path, tmp_path: Path) -> None:
-    place = tmp_path / "short.sqlite"
+def test_irreproducible_results_are_not_packed(short_results: Path, tmp_path: Path) -> None:
+    path = tmp_path / "short.sqlite"
     with Store.open(short_results) as store:
-        store.copy(place)
+        store.copy(path)
         (drawn,) = draw_seeds(store.plan(), store.runs(), 1)
     (tmp_path / "other.sqlite").write_bytes(
-        with_results({"results.sqlite": place.read_bytes()}, tmp_path, MORE_FORCE.format(seed=drawn))[
+        with_results({"results.sqlite": path.read_bytes()}, tmp_path, MORE_FORCE.format(seed=drawn))[
             "results.sqlite"
         ]
     )
@@ -206,7 +211,7 @@ def test_results_that_do_not_repeat_are_not_packed(short_results: Path, tmp_path
     assert not (tmp_path / "other.zip").exists()
 
 
-def test_results_of_another_version_of_the_code_are_not_packed(short_results: Path, tmp_path: Path) -> None:
+def test_results_of_other_code_version_are_not_packed(short_results: Path, tmp_path: Path) -> None:
     with Store.open(short_results) as store:
         store.copy(tmp_path / "older.sqlite")
     with Store.open(tmp_path / "older.sqlite") as store:
@@ -215,9 +220,9 @@ def test_results_of_another_version_of_the_code_are_not_packed(short_results: Pa
         invoke("campaign", "bundle", tmp_path / "older.sqlite", "--seeds", 0)
 
 
-def test_a_bundle_that_is_there_is_kept(bundle: Path, short_results: Path) -> None:
+def test_existing_bundle_is_not_overwritten(bundle: Path, short_results: Path) -> None:
     before = bundle.read_bytes()
-    with pytest.raises(ConfigError, match="is there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         invoke("campaign", "bundle", short_results, "-o", bundle)
     assert bundle.read_bytes() == before
 
@@ -239,14 +244,14 @@ def of_entries(*entries: zipfile.ZipInfo) -> bytes:
 
 
 def encrypted() -> bytes:
-    """One in whose directory the first file is told to be encrypted."""
+    """Mark the first file as encrypted in the zip directory."""
     data = bytearray(of_entries())
     data[data.rindex(b"PK\1\2") + 8] |= 1
     return bytes(data)
 
 
 def longer(size: int) -> bytes:
-    """One in whose directory the first file is told to have so many bytes."""
+    """Declare this size for the first file in the zip directory."""
     data = bytearray(of_entries())
     struct.pack_into("<L", data, data.rindex(b"PK\1\2") + 24, size)
     return bytes(data)
@@ -254,7 +259,7 @@ def longer(size: int) -> bytes:
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (lambda: b"", "is not a bundle"),
         (lambda: b"[campaign]\nname = 'x'\n" * 9, "is not a bundle"),
@@ -281,25 +286,23 @@ def longer(size: int) -> bytes:
         (lambda: of_entries(), r"cannot read manifest\.json: "),
     ],
 )
-def test_a_file_that_is_no_bundle_is_refused_in_a_line(
-    make: Callable[[], bytes], told: str, tmp_path: Path
-) -> None:
-    place = tmp_path / "b.zip"
-    place.write_bytes(make())
-    with pytest.raises(ConfigError, match=told) as caught:
-        verify(place, 0)
+def test_non_bundle_file_is_refused(make: Callable[[], bytes], message: str, tmp_path: Path) -> None:
+    path = tmp_path / "b.zip"
+    path.write_bytes(make())
+    with pytest.raises(ConfigError, match=message) as caught:
+        verify(path, 0)
     assert "\n" not in str(caught.value)
     assert [one.name for one in tmp_path.iterdir()] == ["b.zip"]
 
 
-def test_a_zip_without_manifest_is_refused(tmp_path: Path) -> None:
+def test_zip_without_manifest_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"contains no manifest\.json"):
-        verify(packed_anew(tmp_path / "b.zip", {"results.sqlite": b"{}"}), 0)
+        verify(repack(tmp_path / "b.zip", {"results.sqlite": b"{}"}), 0)
 
 
-def test_a_file_that_unpacks_to_more_than_it_tells_is_damaged(bundle: Path, tmp_path: Path) -> None:
-    """A bomb whose directory tells a small size is read no farther than that."""
-    bomb = packed_anew(tmp_path / "b.zip", {**files_of(bundle), "results.sqlite": bytes(10_000_000)})
+def test_entry_larger_than_declared_is_damaged(bundle: Path, tmp_path: Path) -> None:
+    """A zip bomb that declares a small size is read up to that size only."""
+    bomb = repack(tmp_path / "b.zip", {**files_of(bundle), "results.sqlite": bytes(10_000_000)})
     data = bytearray(bomb.read_bytes())
     directory = data.index(b"results.sqlite", data.index(b"PK\1\2")) - 46
     struct.pack_into("<L", data, directory + 24, 100)
@@ -310,23 +313,23 @@ def test_a_file_that_unpacks_to_more_than_it_tells_is_damaged(bundle: Path, tmp_
     assert (folder / "results.sqlite").stat().st_size <= 100
 
 
-def test_a_bundle_that_another_program_packed_again_is_one(bundle: Path, tmp_path: Path) -> None:
-    """It gives the folder an entry of its own."""
-    place = packed_anew(tmp_path / "b.zip", files_of(bundle))
-    with zipfile.ZipFile(place, "a") as packed:
+def test_repacked_bundle_is_accepted(bundle: Path, tmp_path: Path) -> None:
+    """The other program adds a separate entry for the folder."""
+    path = repack(tmp_path / "b.zip", files_of(bundle))
+    with zipfile.ZipFile(path, "a") as packed:
         packed.mkdir("recordings")
-    assert verify(place, 0).good
+    assert verify(path, 0).good
 
 
-def test_the_form_of_a_later_version_is_told(bundle: Path, tmp_path: Path) -> None:
+def test_newer_manifest_format_is_reported(bundle: Path, tmp_path: Path) -> None:
     files = with_manifest(files_of(bundle), format="hil-bridge bundle 9")
     with pytest.raises(
         ConfigError, match=r"has the bundle format 'hil-bridge bundle 9', and this version reads '"
     ):
-        verify(packed_anew(tmp_path / "b.zip", files), 0)
+        verify(repack(tmp_path / "b.zip", files), 0)
 
 
-def test_more_seeds_go_on_from_fewer(short_results: Path) -> None:
+def test_additional_seeds_extend_the_draws(short_results: Path) -> None:
     with Store.open(short_results) as store:
         plan, (run, *_) = store.plan(), store.runs()
     runs = [replace(run, seed=seed) for seed in range(100)]

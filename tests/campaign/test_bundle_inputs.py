@@ -1,4 +1,4 @@
-"""Bundles of campaigns whose settings name files, or take a controller of a plug-in."""
+"""Bundles of campaigns whose settings name files, or use a plug-in controller."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.verifying import verify
 from hil_bridge.lab.campaign.working import missing, work
-from tests.bundles import files_of, packed_anew, with_manifest
+from tests.bundles import files_of, repack, with_manifest
 
 ROOT = Path(__file__).resolve().parents[2]
 TRAIN = runpy.run_path(str(ROOT / "examples" / "policy" / "train.py"))
@@ -69,7 +69,7 @@ LAW = """
 
 
 def results_of(folder: Path, text: str) -> Path:
-    """Results of a campaign that is run in this folder."""
+    """Run a campaign in this folder and return its results."""
     (folder / "plan.toml").write_text(text)
     plan = read_plan(folder / "plan.toml")
     with Store.begin(folder / "plan.sqlite", plan) as store:
@@ -81,16 +81,16 @@ def results_of(folder: Path, text: str) -> Path:
 
 
 def packed(results: Path, count: int = 1) -> Path:
-    """The bundle of results."""
-    place = results.with_suffix(".zip")
+    """Pack a bundle of results."""
+    path = results.with_suffix(".zip")
     with Store.open(results) as store:
-        assert pack(store, place, count, overwrite=False).differing == ()
-    return place
+        assert pack(store, path, count, overwrite=False).differing == ()
+    return path
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The folder in which a campaign with a policy was run, as the working directory."""
+    """Working directory in which a campaign with a policy was run."""
     folder = tmp_path_factory.mktemp("site")
     TRAIN["write_onnx"]((2.0, -0.4, -0.1), folder / "policy.onnx")
     with pytest.MonkeyPatch.context() as patch:
@@ -105,7 +105,7 @@ def bundle(site: Path) -> Path:
 
 
 @pytest.mark.full
-def test_a_policy_is_packed_under_its_hash_and_found_elsewhere(
+def test_policy_is_packed_under_its_hash(
     bundle: Path, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     content = (site / "policy.onnx").read_bytes()
@@ -130,49 +130,47 @@ def test_a_policy_is_packed_under_its_hash_and_found_elsewhere(
 
 
 @pytest.mark.full
-def test_one_altered_byte_of_a_policy_is_named(bundle: Path, tmp_path: Path) -> None:
-    """By the name that the settings have for it, also where the manifest has the hash of the altered file."""
+def test_altered_policy_byte_is_reported(bundle: Path, tmp_path: Path) -> None:
+    """The report gives the name from the settings, even if the manifest has the hash of the altered file."""
     files = files_of(bundle)
     name = next(one for one in files if one.startswith("inputs/"))
     data = bytearray(files[name])
     data[-1] ^= 1
     for altered in ({**files, name: bytes(data)}, with_manifest({**files, name: bytes(data)})):
-        place = packed_anew(tmp_path / "altered.zip", altered)
-        ended = CliRunner().invoke(cli, ["campaign", "verify", str(place)], catch_exceptions=False)
+        path = repack(tmp_path / "altered.zip", altered)
+        ended = CliRunner().invoke(cli, ["campaign", "verify", str(path)], catch_exceptions=False)
         assert ended.exit_code == 1
         assert f"altered: {name}, which the settings name policy.onnx\n" in ended.output
         assert ended.output.endswith("no run was repeated\n")
 
 
-def test_a_policy_in_place_of_another_is_refused(bundle: Path, tmp_path: Path) -> None:
-    """Every hash of the manifest fits, but it is not the policy with which the campaign was run."""
+def test_replaced_policy_is_refused(bundle: Path, tmp_path: Path) -> None:
+    """Every hash of the manifest matches, but the campaign was run with a different policy."""
     TRAIN["write_onnx"]((0.5, 0.0, 0.0), tmp_path / "other.onnx")
     content = (tmp_path / "other.onnx").read_bytes()
     digest = hashlib.sha256(content).hexdigest()
     files = {name: data for name, data in files_of(bundle).items() if not name.startswith("inputs/")}
     files = with_manifest({**files, f"inputs/{digest}": content}, inputs={"policy.onnx": digest})
-    verified = verify(packed_anew(tmp_path / "other.zip", files), None)
+    verified = verify(repack(tmp_path / "other.zip", files), None)
     (left,) = verified.not_repeated
     assert re.search(rf": controller\.parameters\.sha256 is not that of .*, which has {digest}$", left)
     assert not verified.good
 
 
-def test_no_file_of_this_computer_stands_in_for_one_that_the_bundle_lacks(
-    bundle: Path, site: Path, tmp_path: Path
-) -> None:
+def test_local_file_does_not_replace_missing_input(bundle: Path, site: Path, tmp_path: Path) -> None:
     files = {name: data for name, data in files_of(bundle).items() if not name.startswith("inputs/")}
-    place = packed_anew(tmp_path / "without.zip", with_manifest(files, inputs={}))
+    path = repack(tmp_path / "without.zip", with_manifest(files, inputs={}))
     assert (site / "policy.onnx").is_file()  # in the working directory
-    verified = verify(place, 2)
+    verified = verify(path, 2)
     (left,) = verified.not_repeated
     assert (
         left == "not repeated, 2 runs of seeds 1, 2: policy.onnx is not in the bundle; get the bundle again"
     )
     assert (verified.runs, verified.good) == (0, False)
-    assert verify(place, 0).good
+    assert verify(path, 0).good
 
 
-def test_a_policy_that_was_changed_since_is_not_packed_and_is_another_plan(
+def test_changed_policy_is_not_packed_and_changes_plan(
     site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -187,7 +185,7 @@ def test_a_policy_that_was_changed_since_is_not_packed_and_is_another_plan(
 
 
 @pytest.mark.full
-def test_rules_a_map_of_heights_and_drawn_policies_are_packed(
+def test_rules_height_map_and_drawn_policies_are_packed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -214,21 +212,21 @@ def test_rules_a_map_of_heights_and_drawn_policies_are_packed(
         for path in tmp_path.glob("*.*"):
             (folder / path.name).write_bytes(path.read_bytes())
         monkeypatch.chdir(folder)
-        place = packed(results_of(folder, PLAN.format(name=name, more=more) + section), 0)
-        assert set(json.loads(files_of(place)["manifest.json"])["inputs"]) >= {*expected} - {"two.onnx"}
+        file = packed(results_of(folder, PLAN.format(name=name, more=more) + section), 0)
+        assert set(json.loads(files_of(file)["manifest.json"])["inputs"]) >= {*expected} - {"two.onnx"}
         monkeypatch.chdir("/")
         for path in folder.glob("*.*"):
-            if path != place:
+            if path != file:
                 path.unlink()
-        verified = verify(place, 2)
+        verified = verify(file, 2)
         assert list(verified.lines)[-1] == "  identical to the last bit"
         assert (verified.runs, verified.good) == (2, True)
 
 
-def test_a_controller_of_another_package_is_not_packed_and_is_told(
+def test_plugin_controller_is_not_packed_but_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its file is a program, whatever its parameter is named."""
+    """Its file is executable code, whatever the name of its parameter."""
     package, info = tmp_path / "lab", tmp_path / "lab" / "steady_law-1.2.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: steady-law\nVersion: 1.2\n")
@@ -237,11 +235,11 @@ def test_a_controller_of_another_package_is_not_packed_and_is_told(
     section = '[config.controller]\nname = "steady"\nparameters.file = "steady_law.py"\n'
     with monkeypatch.context() as patch:
         patch.syspath_prepend(str(package))
-        place = packed(results_of(tmp_path, PLAN.format(name="steady", more="") + section), 0)
+        path = packed(results_of(tmp_path, PLAN.format(name="steady", more="") + section), 0)
     sys.modules.pop("steady_law", None)
-    files = files_of(place)
+    files = files_of(path)
     assert not any(name.startswith("inputs/") or name.endswith(".py") for name in files)
-    verified = verify(place, 2)
+    verified = verify(path, 2)
     (left,) = verified.not_repeated
     assert left.startswith(
         "not repeated, 2 runs of seeds 1, 2: controller.name: there is no controller 'steady'; "

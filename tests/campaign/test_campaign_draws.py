@@ -1,4 +1,4 @@
-"""Campaigns that draw settings and several faults a run, and hunts through the same space."""
+"""Campaigns that draw settings and several faults per run, and hunts in the same space."""
 
 import json
 import subprocess
@@ -70,7 +70,7 @@ def planned(folder: Path, text: str = STUDY) -> Plan:
     return read_plan(path)
 
 
-def test_each_seed_draws_settings_and_several_faults(tmp_path: Path) -> None:
+def test_seed_draws_settings_and_several_faults(tmp_path: Path) -> None:
     plan = planned(tmp_path)
     (case,) = plan.cases
     tables = [json.loads(plan.table_of(case, seed)) for seed in range(1, 301)]
@@ -89,7 +89,7 @@ def test_each_seed_draws_settings_and_several_faults(tmp_path: Path) -> None:
         assert len(set(names)) == len(names)
 
 
-def test_draws_are_the_same_in_every_process(tmp_path: Path) -> None:
+def test_draws_are_identical_in_all_processes(tmp_path: Path) -> None:
     plan = planned(tmp_path)
     (case,) = plan.cases
     code = (
@@ -106,7 +106,7 @@ def test_draws_are_the_same_in_every_process(tmp_path: Path) -> None:
     assert other.stdout.strip() == plan.table_of(case, 5)
 
 
-def test_numbers_reach_every_end() -> None:
+def test_drawn_numbers_reach_range_limits() -> None:
     between = Between(2.0, 8.0)
     assert (between.value(0.0), between.value(1.0)) == (2.0, 8.0)
     assert Between(1.0, 100.0, log=True).value(0.5) == 10.0
@@ -119,7 +119,7 @@ def test_numbers_reach_every_end() -> None:
     assert numbers_of("1 a", 3) != numbers_of("2 a", 3)
 
 
-def test_a_fault_without_ranges_is_drawn_about_its_defaults() -> None:
+def test_fault_without_ranges_varies_its_defaults() -> None:
     devices = "s3", "netft", ""
     low = fault_of_slot({"on": "signal", "fault": "offset"}, [0.0] * 7, *devices)
     high = fault_of_slot({"on": "signal", "fault": "offset"}, [0.0, 0.0, 1.0, 0.9, 1.0, 1.0, 1.0], *devices)
@@ -135,22 +135,22 @@ def test_a_fault_without_ranges_is_drawn_about_its_defaults() -> None:
         ("to = 3 }", "to = 30 }", "campaign.faults_per_run must be a number from 0 to 9"),
         ("from = 4.0, to = 12.0", "from = 12.0, to = 4.0", "campaign.draw.task.force_n must be a range"),
         ("from = 4.0, to = 12.0", "from = 4.0, to = 120.0", "campaign.draw: task.force_n"),
-        ("task.force_n =", "task.force =", "campaign.draw: task.force is no setting"),
+        ("task.force_n =", "task.force =", "campaign.draw: task.force is not a setting"),
         ('on = "*"\n', "", "campaign.fault.0 needs `on` and `fault`"),
         ("seconds = { from = 0.6", "seconds = { low = 0.6", "campaign.fault.2 seconds must be a range"),
     ],
 )
-def test_a_draw_that_is_wrong_is_told(tmp_path: Path, old: str, new: str, line: str) -> None:
+def test_invalid_draw_is_refused(tmp_path: Path, old: str, new: str, line: str) -> None:
     assert STUDY.count(old) == 1
     with pytest.raises(PlanErrors) as raised:
         planned(tmp_path, STUDY.replace(old, new))
     assert any(line in problem for problem in raised.value.problems)
 
 
-def test_drawn_runs_are_kept_and_repeated_by_their_keys(tmp_path: Path) -> None:
+def test_drawn_runs_are_repeated_by_key(tmp_path: Path) -> None:
     plan = planned(tmp_path)
-    place = tmp_path / "drawn.sqlite"
-    with Store.begin(place, plan) as store:
+    path = tmp_path / "drawn.sqlite"
+    with Store.begin(path, plan) as store:
         work(plan, store, missing(plan, store), workers=1)
         assert missing(plan, store) == []
         runs = list(store.runs())
@@ -160,7 +160,7 @@ def test_drawn_runs_are_kept_and_repeated_by_their_keys(tmp_path: Path) -> None:
     assert "Faults by phase" in text
     assert "Not injected yet" in text
     assert all("force_bound_n" in done.figures or done.outcome == "refused" for done in runs)
-    ended = CliRunner().invoke(campaign, ["rerun", str(place), runs[3].key, "--output", str(tmp_path)])
+    ended = CliRunner().invoke(campaign, ["rerun", str(path), runs[3].key, "--output", str(tmp_path)])
     assert ended.exit_code == 0, ended.output
     assert "differs" not in ended.output
 
@@ -169,7 +169,7 @@ LIE = {"on": "controller", "phase": "track", "after_s": 0.1}
 
 
 @pytest.mark.parametrize("lie", CONTROLLER_FAULTS)
-def test_a_controller_that_lies_changes_a_run_and_its_replay_alike(tmp_path: Path, lie: str) -> None:
+def test_controller_fault_is_reproduced_by_replay(tmp_path: Path, lie: str) -> None:
     (case,) = planned(tmp_path).cases
 
     def ran(faults: list[dict[str, Any]]) -> Any:
@@ -183,7 +183,7 @@ def test_a_controller_that_lies_changes_a_run_and_its_replay_alike(tmp_path: Pat
     assert not any(cycle.differences for cycle in replay(lying.recording, config, forced=False))
 
 
-def test_faults_that_come_together_begin_together(tmp_path: Path) -> None:
+def test_combined_faults_begin_together(tmp_path: Path) -> None:
     table = """[[campaign.fault]]
 on = "sensor-wire"
 fault = "twice"
@@ -205,7 +205,7 @@ together = [{ on = "sensor-wire", fault = "late", with = { ms = { from = 20.0, t
             planned(tmp_path, text + tail.partition("[campaign.criteria]")[2])
 
 
-def test_an_option_with_a_weight_has_as_many_chances(tmp_path: Path) -> None:
+def test_weighted_option_is_drawn_proportionally(tmp_path: Path) -> None:
     drawn = "task.force_n = [5.0, 8.0]\nwall = [{ weight = 3 }, { cell.surface.wall_at_mm = 20.0 }]"
     head, _, tail = STUDY.partition("[campaign.draw]")
     _, mark, rest = tail.partition("[[campaign.fault]]")
@@ -217,13 +217,15 @@ def test_an_option_with_a_weight_has_as_many_chances(tmp_path: Path) -> None:
         planned(tmp_path, f"{head}[campaign.draw]\n{drawn.replace('= 3', '= 0')}\n\n{mark}{rest}")
 
 
-def test_a_hunt_reaches_every_draw_of_its_campaign(tmp_path: Path) -> None:
-    whole = planned(tmp_path)
-    plan = plan_hunt(whole)
+def test_hunt_covers_every_draw_of_its_campaign(tmp_path: Path) -> None:
+    campaign = planned(tmp_path)
+    plan = plan_hunt(campaign)
     (case,) = plan.cases
-    assert whole.draw is not None
-    numbers = [numbers_of(str(seed), whole.draw.dimensions) for seed in range(50)]
-    assert [plan.table_for(case, row) for row in numbers] == [whole.table_for(case, row) for row in numbers]
+    assert campaign.draw is not None
+    numbers = [numbers_of(str(seed), campaign.draw.dimensions) for seed in range(50)]
+    assert [plan.table_for(case, row) for row in numbers] == [
+        campaign.table_for(case, row) for row in numbers
+    ]
     head, tail = STUDY.partition("[[campaign.fault]]")[0], STUDY.partition("[campaign.criteria]")[2]
     without = head.replace("faults_per_run = { from = 1, to = 3 }\n", "") + "[campaign.criteria]" + tail
     with pytest.raises(ConfigError, match="faults_per_run"):
@@ -244,8 +246,8 @@ HOLE = (
 
 
 @pytest.mark.full
-def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The guard lets every order through, so that a controller that lies presses as it likes."""
+def test_hunt_finds_and_shrinks_planted_bug(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guard accepts every order, so that the force of a faulty controller is unlimited."""
 
     def allowed(limits: Any, state: Any, request: Request, dt: float) -> Allow:
         return Allow(request.depth, request.position)
@@ -272,7 +274,7 @@ def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch:
         assert len(store.keys()) == before
 
 
-def test_smaller_runs_lose_faults_settings_and_digits() -> None:
+def test_shrinking_removes_faults_settings_and_digits() -> None:
     fault = {
         "on": "signal",
         "fault": "offset",
@@ -290,10 +292,10 @@ def test_smaller_runs_lose_faults_settings_and_digits() -> None:
 
 
 @pytest.mark.full
-def test_the_command_hunts_and_tells_the_worst(tmp_path: Path) -> None:
+def test_hunt_command_reports_worst_run(tmp_path: Path) -> None:
     planned(tmp_path, HOLE)
-    place = tmp_path / "hunt.sqlite"
-    told = [
+    path = tmp_path / "hunt.sqlite"
+    output = [
         "hunt",
         str(tmp_path / "drawn.toml"),
         "--minutes",
@@ -301,11 +303,11 @@ def test_the_command_hunts_and_tells_the_worst(tmp_path: Path) -> None:
         "--workers",
         "1",
         "--output",
-        str(place),
+        str(path),
     ]
-    ended = CliRunner().invoke(campaign, told)
+    ended = CliRunner().invoke(campaign, output)
     assert ended.exit_code in (0, 4), ended.output
     assert "the worst:" in ended.output
-    assert f"hil-bridge campaign rerun {place} " in ended.output
-    with Store.open(place) as store:
+    assert f"hil-bridge campaign rerun {path} " in ended.output
+    with Store.open(path) as store:
         assert "Result of the hunt" in page(store)

@@ -1,4 +1,4 @@
-"""The page of a campaign, saved and in the browser, and its runs as a table."""
+"""Page of a campaign, saved and in the browser, and its runs as a table."""
 
 import csv
 import math
@@ -25,38 +25,36 @@ from tests.campaign.study import STUDY, changed, study
 
 
 @pytest.mark.full
-def test_page_in_the_browser_is_the_saved_one(
-    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is told once, and again when another process has changed the file."""
+def test_live_page_equals_saved_page(results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page is sent once, and again when another process has changed the file."""
     monkeypatch.setattr(live, "POLL_S", 0.0)
     monkeypatch.setattr(live, "REST_FACTOR", 0.0)
     other = changed(results, tmp_path / "study.sqlite")
     with Store.open(other) as store:
         in_browser = Results(store)
-        seen = in_browser.first()
-        told = in_browser.updates(seen)
-        assert told is not None
-        assert f"<body>\n{told['body']}\n</body>" in page(store)
-        assert (told["title"], told["trouble"]) == ("Campaign study", "")
-        assert [in_browser.updates(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        first = in_browser.first()
+        updates = in_browser.updates(first)
+        assert updates is not None
+        assert f"<body>\n{updates['body']}\n</body>" in page(store)
+        assert (updates["title"], updates["trouble"]) == ("Campaign study", "")
+        assert [in_browser.updates(first) for _ in range(25)] == [None] * 25  # nothing is said twice
         changed_by_another(other, "DELETE FROM runs WHERE passed")
-        again = in_browser.updates(seen)
+        again = in_browser.updates(first)
         assert again is not None
         assert "4 of 8 runs done" in again["body"]
         changed_by_another(other, "UPDATE runs SET figures = '['")
-        broken = in_browser.updates(seen)
+        broken = in_browser.updates(first)
         assert broken is not None
         assert broken["trouble"].startswith("cannot read ")
         assert broken["body"] == again["body"]
-        assert in_browser.updates(in_browser.first()) == broken  # a new page is told all
+        assert in_browser.updates(in_browser.first()) == broken  # a new page receives everything
         with pytest.raises(ValueError, match="accepts no messages"):
-            in_browser.handle_request(seen, {"at": 1})
+            in_browser.handle_request(first, {"at": 1})
 
 
-def changed_by_another(place: Path, sql: str) -> None:
+def changed_by_another(path: Path, sql: str) -> None:
     """Change results as another process would."""
-    with sqlite3.connect(place) as connection:
+    with sqlite3.connect(path) as connection:
         connection.execute(sql)
     connection.close()
 
@@ -79,7 +77,7 @@ class _Tags(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path, tmp_path: Path) -> None:
+def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> None:
     with Store.open(results) as store:
         text, worst = page(store), next(store.runs("passed = 0")).key
     tags = _Tags()
@@ -94,13 +92,13 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert f'<td class="value">{gethostname()}</td>' in text
     assert f"Python {python_version()}" in text
     assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
-    assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, wanted
+    assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, bound
     assert "<td>largest true force</td><td>task.force_n 8.0</td><td>4</td>" in text
     assert '<td class="pass">2</td>' in text
     assert '<td class="fail">0/2</td>' in text
     assert text.count("<article>") == 4
     assert "The run was stopped" in text
-    assert "Look at: " in text  # the paragraph of `why`
+    assert "Check: " in text  # the paragraph of `why`
     assert "and the plan does not inject: robot: safeguard-stop" in text
     assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
     assert "this criterion applied to no run" in text
@@ -113,11 +111,11 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     linked.feed(out.read_text())
     assert len(linked.links) == 4
     assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
-    with pytest.raises(ConfigError, match="there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)], catch_exceptions=False)
 
 
-def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Path) -> None:
+def test_page_without_recordings_shows_cause(results: Path, tmp_path: Path) -> None:
     copy = tmp_path / "alone.sqlite"
     with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
         source.backup(target)
@@ -139,10 +137,10 @@ def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Pa
 
 
 def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
-    told = CliRunner().invoke(
+    output = CliRunner().invoke(
         campaign, ["export", str(results), "--to", "csv", "--output", str(tmp_path / "new")]
     )
-    assert told.exit_code == 0, told.output
+    assert output.exit_code == 0, output.output
     rows = list(csv.DictReader((tmp_path / "new" / "study.csv").read_text().splitlines()))
     with Store.open(results) as store:
         runs = list(store.runs())
@@ -153,16 +151,16 @@ def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
     assert rows[0]["cell"] == cell
     assert {row["struck"] for row in rows if row["fault"] == "none"} == {""}
     again = ["export", str(results), "--to", "csv", "--output", str(tmp_path / "new")]
-    with pytest.raises(ConfigError, match="there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, again, catch_exceptions=False)
 
 
-def test_table_as_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
+def test_parquet_table_matches_csv(results: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    told = CliRunner().invoke(
+    output = CliRunner().invoke(
         campaign, ["export", str(results), "--output", str(tmp_path)], catch_exceptions=False
     )
-    assert told.exit_code == 0
+    assert output.exit_code == 0
     columns = parquet.read_table(tmp_path / "study.parquet").to_pydict()
     with Store.open(results) as store:
         runs = list(store.runs())
@@ -170,7 +168,7 @@ def test_table_as_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     assert columns["force_true_max_n"] == [run.figures["force_true_max_n"] for run in runs]
 
 
-def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) -> None:
+def test_page_before_first_run_lists_all_cells(tmp_path: Path) -> None:
     text = STUDY.replace("emergency-stop", "late-answer")
     plan = read_plan(study(tmp_path, 1, text))
     with Store.begin(tmp_path / "a.sqlite", plan) as store:

@@ -1,4 +1,4 @@
-"""The file of a campaign: what it makes, and one line for everything that is wrong with it."""
+"""Campaign file: the resulting plan, and a one-line error for every mistake."""
 
 from collections import Counter
 from dataclasses import replace
@@ -25,7 +25,7 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_matrix_faults_and_seeds_make_every_combination(tmp_path: Path) -> None:
+def test_plan_combines_matrix_faults_and_seeds(tmp_path: Path) -> None:
     matrix = '[campaign.matrix]\ntask.force_n = [8.0, 10.0]\n"robot.emulated" = ["s3", "rtde"]\n'
     plan = read_plan(written(tmp_path, HEAD + matrix + STOP))
     assert plan.name == "study"
@@ -40,7 +40,7 @@ def test_matrix_faults_and_seeds_make_every_combination(tmp_path: Path) -> None:
     assert len({case.key(code, seed) for case, seed in plan.runs()}) == 24
 
 
-def test_axis_of_tables_sets_several_settings(tmp_path: Path) -> None:
+def test_matrix_axis_of_tables_sets_several_settings(tmp_path: Path) -> None:
     matrix = '[campaign.matrix]\nforce = [{ label = "soft", task.force_n = 5.0, run.duration_s = 2.0 }]\n'
     (case,) = read_plan(written(tmp_path, HEAD + matrix)).cases
     assert case.cell == "force soft"
@@ -48,7 +48,7 @@ def test_axis_of_tables_sets_several_settings(tmp_path: Path) -> None:
     assert '"duration_s":2.0' in case.config
 
 
-def test_seeds_take_cases_in_turn_each_equally_often(tmp_path: Path) -> None:
+def test_seeds_rotate_evenly_through_cases(tmp_path: Path) -> None:
     matrix = '[campaign.matrix]\ntask.force_n = [8.0, 9.0, 10.0]\n"robot.emulated" = ["s3", "rtde"]\n'
     drop = '[[campaign.fault]]\non = "wire"\nfault = "drop-ack"\n'  # nine cases of twelve can be
     head = HEAD.replace("seeds = [1, 2]", "seeds = { from = 5, to = 24 }\ncases_per_seed = 2")
@@ -66,13 +66,13 @@ def test_seeds_take_cases_in_turn_each_equally_often(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "3:2", "-1:2", "a", "1:2:3", "1:99999999"])
-def test_text_that_names_no_seeds_is_refused(text: str) -> None:
+def test_invalid_seeds_text_is_refused(text: str) -> None:
     assert seeds_of("3:5") == (3, 4, 5)
     with pytest.raises(ValueError, match=r"seeds|invalid literal"):
         seeds_of(text)
 
 
-def test_configuration_of_a_file_and_of_the_plan_itself(tmp_path: Path) -> None:
+def test_plan_combines_file_and_own_configuration(tmp_path: Path) -> None:
     (tmp_path / "cell.toml").write_text("[task]\nforce_n = 7.0\nspeed_mm_s = 4.0\n")
     text = HEAD.replace("seeds", 'config = "cell.toml"\nseeds') + "[config.task]\nforce_n = 6.0\n"
     (case,) = read_plan(written(tmp_path, text)).cases
@@ -80,7 +80,7 @@ def test_configuration_of_a_file_and_of_the_plan_itself(tmp_path: Path) -> None:
     assert '"speed_mm_s":4.0' in case.config
 
 
-def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path) -> None:
+def test_unsupported_fault_is_kept_as_impossible(tmp_path: Path) -> None:
     matrix = '[campaign.matrix]\n"robot.emulated" = ["s3", "rtde"]\n'
     drop = '[[campaign.fault]]\non = "wire"\nfault = "drop-ack"\n'
     plan = read_plan(written(tmp_path, HEAD + matrix + drop))
@@ -119,7 +119,7 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
             ["campaign.criteria.rise_s below must be a number, got nan"],
         ),
         (HEAD + "retracted = 1\n", ["campaign.criteria.retracted must be true or false"]),
-        (HEAD + '[campaign.matrix]\n"task.force" = [1.0]\n', ["task.force is no setting"]),
+        (HEAD + '[campaign.matrix]\n"task.force" = [1.0]\n', ["task.force is not a setting"]),
         (HEAD + '[campaign.matrix]\n"task.force_n" = 1.0\n', ["campaign.matrix.task.force_n must be a list"]),
         (HEAD + '[campaign.matrix]\n"run.seed" = [1]\n', ["campaign.matrix.run.seed cannot be an axis"]),
         (HEAD + '[config.robot]\nurl = "tcp://host:1"\n', ["robot.url: a campaign runs on"]),
@@ -130,9 +130,7 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
         (HEAD.replace("seeds", 'config = "nowhere.toml"\nseeds'), ["campaign.config: cannot read"]),
     ],
 )
-def test_everything_that_is_wrong_is_told_before_the_first_run(
-    tmp_path: Path, text: str, lines: list[str]
-) -> None:
+def test_plan_errors_are_reported_before_first_run(tmp_path: Path, text: str, lines: list[str]) -> None:
     with pytest.raises(PlanErrors) as raised:
         read_plan(written(tmp_path, text))
     problems = raised.value.problems
@@ -144,18 +142,18 @@ def test_everything_that_is_wrong_is_told_before_the_first_run(
 
 
 LARGE = "guard"
-"""An example that is large: tests/campaign/test_campaign_runs.py reads it, and holds the same of it."""
+"""Large example, also read by tests/campaign/test_campaign_runs.py."""
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {LARGE}))
-def test_examples_are_plans(name: str) -> None:
+def test_example_files_are_valid_plans(name: str) -> None:
     plan = read_plan(EXAMPLES / f"{name}.toml")
     assert plan.count >= 100
     assert not [case for case in plan.cases if case.impossible and case.fault == "none"]
 
 
-def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
+def test_documented_plan_is_valid(tmp_path: Path) -> None:
     text = (EXAMPLES.parents[1] / "docs" / "reference" / "campaigns.md").read_text(encoding="utf-8")
     (tmp_path / "cell.toml").write_text("[task]\nspeed_mm_s = 4.0\n")
     plan = read_plan(written(tmp_path, text.partition("```toml\n")[2].partition("```")[0]))
@@ -164,13 +162,13 @@ def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
     assert placed(text, {"figures": table(("figure", "words", "meaning", "good"), meaning_rows())}) == text
 
 
-def test_file_that_is_no_toml_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no TOML"):
+def test_invalid_toml_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is not valid TOML"):
         read_plan(written(tmp_path, "[campaign"))
 
 
 @pytest.mark.parametrize(
-    ("figure", "wanted", "figures", "met"),
+    ("figure", "bound", "figures", "met"),
     [
         ("outcome", ["completed", "stopped"], {"outcome": "stopped"}, True),
         ("outcome", "completed", {"outcome": "stopped"}, False),
@@ -190,21 +188,21 @@ def test_file_that_is_no_toml_is_told(tmp_path: Path) -> None:
         ("struck", 0, {"struck": 0}, True),
     ],
 )
-def test_criterion_judges(figure: str, wanted: Any, figures: Any, met: bool | None) -> None:
-    assert Criterion(figure, wanted).judge(figures) is met
+def test_criterion_judges(figure: str, bound: Any, figures: Any, met: bool | None) -> None:
+    assert Criterion(figure, bound).judge(figures) is met
 
 
 def test_bug_fails_every_run() -> None:
     assert find_unmet([], {"outcome": "error"}) == ["no bug"]
 
 
-def test_matrix_that_would_fill_the_memory_is_refused_before_it_is_made(tmp_path: Path) -> None:
+def test_oversized_matrix_is_refused(tmp_path: Path) -> None:
     axes = "".join(f"task.number_{n} = {[*range(1000)]}\n" for n in range(9))
     with pytest.raises(PlanErrors, match="makes more than 100000 cells"):
         read_plan(written(tmp_path, HEAD + "[campaign.matrix]\n" + axes))
 
 
 @pytest.mark.parametrize("text", [f"{2**63}", f"0:{10**30}"])
-def test_seeds_beyond_those_of_the_results_are_refused(text: str) -> None:
+def test_seeds_not_in_results_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="invalid seeds"):
         seeds_of(text)

@@ -1,4 +1,4 @@
-"""The time until the true force is back after a fault that ended."""
+"""Recovery time of the true force after a fault."""
 
 import math
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from hil_bridge.settings.configuration import read_config
 
 @pytest.fixture(scope="module")
 def tracked() -> Recording:
-    """A run of the emulated cell, as a frame of phases and wanted forces around forces that a test draws."""
+    """Return an emulated run with phases and target forces, around forces drawn by a test."""
     result = run(settings()).result
     assert result is not None
     return result.recording
@@ -37,33 +37,33 @@ def settings(*faults: dict[str, object], force_n: float = 10.0) -> Config:
     )
 
 
-def test_force_is_back_once_it_stays_within_a_fifth(tracked: Recording) -> None:
-    (begin,) = (event.at for event in tracked.events if event.text == "track")
+def test_recovery_ends_within_tolerance_of_target(tracked: Recording) -> None:
+    (start,) = (event.at for event in tracked.events if event.text == "track")
     (last,) = (event.at for event in tracked.events if event.text == "retract")
-    times = np.arange(begin - 1.0, last + 1.0, 0.01)
-    since = times - begin
-    fault = begin + 0.5
+    times = np.arange(start - 1.0, last + 1.0, 0.01)
+    since = times - start
+    fault = start + 0.5
 
-    def found(forces: np.ndarray) -> float | None:
+    def recovery(forces: np.ndarray) -> float | None:
         return recovery_s(tracked, [fault], times, forces)
 
     steady = np.where(times <= last, 11.9, 0.0)
-    assert found(steady) == 0.0
-    assert found(np.where(since < 0.8, 20.0, steady)) == pytest.approx(0.3, abs=0.011)
-    assert found(np.where((since > 1.0) & (since < 1.1), 7.9, steady)) == pytest.approx(0.6, abs=0.011)
-    assert found(np.where(times > last - 0.05, 12.1, steady)) == math.inf
-    # The last of several faults counts; one that lasts, or that ended before or after the tracking, gives none.
-    later = begin + 0.6
+    assert recovery(steady) == 0.0
+    assert recovery(np.where(since < 0.8, 20.0, steady)) == pytest.approx(0.3, abs=0.011)
+    assert recovery(np.where((since > 1.0) & (since < 1.1), 7.9, steady)) == pytest.approx(0.6, abs=0.011)
+    assert recovery(np.where(times > last - 0.05, 12.1, steady)) == math.inf
+    # The last of several faults counts; one that lasts, or that ended outside the tracking, gives no recovery.
+    later = start + 0.6
     assert recovery_s(tracked, [fault, later], times, np.where(since < 0.8, 20.0, steady)) == pytest.approx(
         0.2, abs=0.011
     )
-    for end in (math.inf, begin - 0.1, last + 0.1):
+    for end in (math.inf, start - 0.1, last + 0.1):
         assert recovery_s(tracked, [end], times, steady) is None
     assert recovery_s(tracked, [fault, math.inf], times, steady) is None
     assert recovery_s(tracked, [], times, steady) is None
 
 
-def test_end_of_a_fault() -> None:
+def test_fault_ends_are_returned() -> None:
     faults = [
         Injection("surface", "step", {}, 0.0, ends_at=2.0),
         Injection("surface", "step", {}, 0.0, ends_at=2.0, ended_at=1.5),
@@ -74,7 +74,7 @@ def test_end_of_a_fault() -> None:
     assert Watch(running).fault_ends() == [2.0, 1.5, math.inf, 3.5]
 
 
-def test_run_comes_back_after_the_surface_did() -> None:
+def test_recovery_follows_return_of_surface() -> None:
     step = {
         "on": "surface",
         "fault": "step",

@@ -1,4 +1,4 @@
-"""The reports of a campaign for people and for build servers: text, Markdown, JSON, JUnit; and its options."""
+"""Campaign reports for people and build servers: text, Markdown, JSON, JUnit, and their options."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ from tests.campaign.study import changed
 
 
 def invoke(*arguments: object) -> str:
-    """Output of a command that ends with 0."""
+    """Return the output of a command that exits with 0."""
     ended = CliRunner().invoke(campaign, [*map(str, arguments)], catch_exceptions=False)
     assert ended.exit_code == 0, ended.output
     return ended.output
@@ -36,7 +36,7 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "figures", "unmet"),
+    ("bound", "figures", "unmet"),
     [
         ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.25 %", "below 10")),
         ({"below": 10}, {"overshoot_percent": 9.0}, None),
@@ -48,14 +48,14 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
         ),
     ],
 )
-def test_value_of_a_missed_criterion_stands_beside_its_bounds(
-    wanted: object, figures: dict[str, Any], unmet: Unmet | None
+def test_unmet_criterion_shows_value_and_bounds(
+    bound: object, figures: dict[str, Any], unmet: Unmet | None
 ) -> None:
-    told = unmet_of([Criterion("overshoot_percent", wanted)], figures)
-    assert told == (() if unmet is None else (unmet,))
+    output = unmet_of([Criterion("overshoot_percent", bound)], figures)
+    assert output == (() if unmet is None else (unmet,))
 
 
-def test_bug_is_counted_apart_from_missed_criteria(short_results: Path, tmp_path: Path) -> None:
+def test_bug_is_counted_separately_from_unmet_criteria(short_results: Path, tmp_path: Path) -> None:
     bug = "UPDATE runs SET outcome = 'error', failed = '[\"no bug\"]', figures = '{\"outcome\": \"error\"}' "
     other = changed(short_results, tmp_path / "bug.sqlite", f"{bug} WHERE rowid = 1")
     with Store.open(other) as store:
@@ -66,7 +66,7 @@ def test_bug_is_counted_apart_from_missed_criteria(short_results: Path, tmp_path
     assert digest.tally.text == "3 passed, 4 failed, 1 error"
 
 
-def test_text_report_has_the_matrix_first_and_the_values(short_results: Path) -> None:
+def test_text_report_starts_with_matrix(short_results: Path) -> None:
     lines = invoke("report", short_results, "--text").splitlines()
     assert lines[0] == "short: 4 passed, 4 failed, 0 errors"
     assert lines[2] == "Matrix"
@@ -79,19 +79,19 @@ def test_text_report_has_the_matrix_first_and_the_values(short_results: Path) ->
     assert not (short_results.parent / "short.html").exists()
 
 
-def test_json_has_the_keys_of_the_tables(short_results: Path) -> None:
-    told = json.loads(invoke("report", short_results, "--json"))
-    assert told["tally"] == {"passed": 4, "failed": 4, "errors": 0}
-    assert [(one["cell"], one["fault"]) for one in told["cases"]] == [
+def test_campaign_json_has_documented_keys(short_results: Path) -> None:
+    output = json.loads(invoke("report", short_results, "--json"))
+    assert output["tally"] == {"passed": 4, "failed": 4, "errors": 0}
+    assert [(one["cell"], one["fault"]) for one in output["cases"]] == [
         ("task.force_n 8.0", "none"),
         ("task.force_n 8.0", "robot: emergency-stop"),
         ("task.force_n 10.0", "none"),
         ("task.force_n 10.0", "robot: emergency-stop"),
     ]
-    assert {one["key"] for one in told["failing"]} == {
+    assert {one["key"] for one in output["failing"]} == {
         run.key for run in _runs(short_results) if not run.passed
     }
-    force = [one for one in told["figures"] if one["figure"] == "force_true_max_n"]
+    force = [one for one in output["figures"] if one["figure"] == "force_true_max_n"]
     assert [one["cell"] for one in force] == ["task.force_n 8.0", "task.force_n 10.0"]
     largest = max(run.figures["force_true_max_n"] for run in _runs(short_results) if run.number < 2)
     assert force[0]["largest"] == largest
@@ -102,10 +102,10 @@ def _runs(results: Path) -> list[Any]:
         return list(store.runs())
 
 
-def test_junit_has_a_test_case_a_run(short_results: Path, tmp_path: Path) -> None:
-    place = tmp_path / "runs.xml"
-    assert invoke("report", short_results, "--junit", place).splitlines() == [str(place)]
-    suite = ElementTree.parse(place).getroot()[0]
+def test_junit_has_one_test_case_per_run(short_results: Path, tmp_path: Path) -> None:
+    path = tmp_path / "runs.xml"
+    assert invoke("report", short_results, "--junit", path).splitlines() == [str(path)]
+    suite = ElementTree.parse(path).getroot()[0]
     counts = {name: suite.get(name) for name in ("tests", "failures", "errors", "skipped")}
     assert counts == {"tests": "8", "failures": "4", "errors": "0", "skipped": "0"}
     runs = {run.key: run for run in _runs(short_results)}
@@ -122,7 +122,7 @@ def test_junit_has_a_test_case_a_run(short_results: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.full
-def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
+def test_campaign_junit_has_requirements(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(SHORT.replace("[campaign]", '[campaign]\nrequirements = ["R-1", "R-2"]', 1))
     plan = read_plan(file)
@@ -132,15 +132,15 @@ def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
     cases = list(ElementTree.parse(tmp_path / "runs.xml").iter("testcase"))
     assert len(cases) == 8
     for case in cases:
-        given = [(one.get("name"), str(one.get("value"))) for one in case.iter("property")]
-        assert [value for key, value in given if key == REQUIREMENT] == ["R-1", "R-2"]
-        recordings = [Path(value) for key, value in given if key == RECORDING]
+        properties = [(one.get("name"), str(one.get("value"))) for one in case.iter("property")]
+        assert [value for key, value in properties if key == REQUIREMENT] == ["R-1", "R-2"]
+        recordings = [Path(value) for key, value in properties if key == RECORDING]
         failure = case.find("failure")
         assert len(recordings) == (failure is not None)
         assert all(path.is_file() for path in recordings)
 
 
-def test_a_recording_that_is_gone_is_not_named(short_results: Path, tmp_path: Path) -> None:
+def test_missing_recording_is_not_listed(short_results: Path, tmp_path: Path) -> None:
     alone = changed(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'alone'")
     invoke("report", alone, "--junit", tmp_path / "a.xml")
     invoke("report", short_results, "--junit", tmp_path / "short.xml")
@@ -149,27 +149,27 @@ def test_a_recording_that_is_gone_is_not_named(short_results: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize("wrong", ['"R-1"', '[""]', "[1]", '["a\\u0007"]'])
-def test_requirements_of_a_campaign_are_names(tmp_path: Path, wrong: str) -> None:
+def test_campaign_requirements_must_be_names(tmp_path: Path, wrong: str) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(SHORT.replace("[campaign]", f"[campaign]\nrequirements = {wrong}", 1))
     with pytest.raises(ConfigError, match='requirements must be a list of names such as "R-12"'):
         read_plan(file)
 
 
-def test_markdown_is_a_summary_for_a_build_server(short_results: Path, tmp_path: Path) -> None:
-    place = tmp_path / "summary.md"
-    invoke("report", short_results, "--markdown", place)
-    lines = place.read_text().splitlines()
+def test_markdown_report_is_a_summary(short_results: Path, tmp_path: Path) -> None:
+    path = tmp_path / "summary.md"
+    invoke("report", short_results, "--markdown", path)
+    lines = path.read_text().splitlines()
     assert lines[0] == "## ❌ Campaign short: 4 passed, 4 failed, 0 errors"
     assert "| task.force_n 8.0 | 2/2 | 0/2 ✗ |" in lines
     with Store.open(short_results) as store:
         digest = digest_of(store)
     assert sum(f"| {one.key} |" in line for one in digest.failing for line in lines) == 4
-    with pytest.raises(ConfigError, match="there already"):
-        invoke("report", short_results, "--markdown", place)
+    with pytest.raises(ConfigError, match="already exists"):
+        invoke("report", short_results, "--markdown", path)
 
 
-def test_words_of_a_plan_cannot_break_the_markdown(short_results: Path, tmp_path: Path) -> None:
+def test_markdown_escapes_plan_texts(short_results: Path, tmp_path: Path) -> None:
     other = changed(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'a | b <img src=x>'")
     with Store.open(other) as store:
         text = markdown_report(digest_of(store))
@@ -177,23 +177,23 @@ def test_words_of_a_plan_cannot_break_the_markdown(short_results: Path, tmp_path
     assert "<img" not in text
 
 
-def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Path, tmp_path: Path) -> None:
-    path, place = plan_file(tmp_path), changed(short_results, tmp_path / "short.sqlite")
+def test_campaign_writes_reports_and_lists_worst_runs(short_results: Path, tmp_path: Path) -> None:
+    path, file = plan_file(tmp_path), changed(short_results, tmp_path / "short.sqlite")
     files = ["--junit", tmp_path / "a.xml", "--markdown", tmp_path / "a.md"]
-    arguments = [str(one) for one in (path, "--output", place, *files)]
+    arguments = [str(one) for one in (path, "--output", file, *files)]
     ended = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
     assert ended.exit_code == 4
     assert "has 8 of them already" in ended.output
     assert ended.output.count("  outcome stopped, wanted completed\n") == 4
     assert ElementTree.parse(tmp_path / "a.xml").getroot().get("failures") == "4"
-    with pytest.raises(ConfigError, match="there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)
-    as_json = CliRunner().invoke(campaign, [str(path), "--output", str(place), "--json"])
+    as_json = CliRunner().invoke(campaign, [str(path), "--output", str(file), "--json"])
     assert as_json.exit_code == 4
     assert json.loads(as_json.stdout)["tally"]["failed"] == 4
 
 
-def test_failing_runs_are_linked_with_their_reports(short_results: Path, tmp_path: Path) -> None:
+def test_page_links_failed_runs_to_their_reports(short_results: Path, tmp_path: Path) -> None:
     results = changed(short_results, tmp_path / "short.sqlite")
     shutil.copytree(short_results.parent / "short-failed", tmp_path / "short-failed")
     failing = [run for run in _runs(results) if not run.passed]
@@ -207,7 +207,7 @@ def test_failing_runs_are_linked_with_their_reports(short_results: Path, tmp_pat
         assert (f'href="short-failed/{run.key}/report.html">report</a>' in text) == report.is_file()
 
 
-def test_set_goes_over_the_settings_of_the_file(tmp_path: Path) -> None:
+def test_set_option_overrides_file(tmp_path: Path) -> None:
     path = plan_file(tmp_path)
     plan = read_plan(path, (), {"run.duration_s": 0.7, "cell.surface.stiffness_n_m": 9000.0})
     for case in plan.cases:
@@ -215,26 +215,26 @@ def test_set_goes_over_the_settings_of_the_file(tmp_path: Path) -> None:
         assert config["run"]["duration_s"] == 0.7
         assert config["cell"]["surface"]["stiffness_n_m"] == 9000.0
     assert plan.identity != read_plan(path).identity
-    for key, told in (
+    for key, expected in (
         ("task.force_n", "campaign.matrix.task.force_n sets task.force_n, and so does --set"),
         ("run.seed", "--set cannot give run.seed"),
         ("faults", "--set cannot give faults"),
         ("run.durations", "durations"),
     ):
-        with pytest.raises(PlanErrors, match=told):
+        with pytest.raises(PlanErrors, match=expected):
             read_plan(path, (), {key: 1})
     assert invoke(path, "--set", "run.duration_s=0.7", "--check") == "short: 4 cases × 2 seeds = 8 runs\n"
     counts = CliRunner().invoke(campaign, [str(path), "--check", "--json"], catch_exceptions=False)
     assert json.loads(counts.stdout) == {"name": "short", "planned": 8, "cases": 4, "seeds": 2}
 
 
-def test_help_shows_options_by_group_and_then_the_commands() -> None:
+def test_campaign_help_groups_options_before_commands() -> None:
     for arguments in (["--help"], ["run", "--help"]):
         lines = CliRunner().invoke(campaign, arguments).output.splitlines()
-        places = [
+        offsets = [
             lines.index(f"{title}:") for title in ("Runs", "Where they run", "Results", "Other options")
         ]
-        assert places == sorted(places)
-        assert any("--set KEY=VALUE" in line for line in lines[places[0] : places[1]])
-        assert any("--junit" in line for line in lines[places[2] :])
+        assert offsets == sorted(offsets)
+        assert any("--set KEY=VALUE" in line for line in lines[offsets[0] : offsets[1]])
+        assert any("--junit" in line for line in lines[offsets[2] :])
         assert ("Commands:" in lines) == (arguments == ["--help"])

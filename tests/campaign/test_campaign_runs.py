@@ -1,4 +1,4 @@
-"""Campaigns that run: each key once, also after a kill; rerun and compare."""
+"""Execution of campaigns: each key once, even after a kill; rerun and compare."""
 
 import os
 import re
@@ -29,10 +29,10 @@ from tests.campaign.study import STUDY, changed, done, study
 pytestmark = pytest.mark.full
 
 PATIENCE_S = 90.0
-"""Longest wait for a whole process on a busy machine, s."""
+"""Longest wait for a complete process on a busy machine, s."""
 
 
-def test_failing_runs_leave_their_recordings_and_the_others_their_figures(results: Path) -> None:
+def test_only_failed_runs_keep_recordings(results: Path) -> None:
     with Store.open(results) as store:
         runs = list(store.runs())
         assert len(runs) == 8
@@ -51,7 +51,7 @@ def test_failing_runs_leave_their_recordings_and_the_others_their_figures(result
 
 
 @pytest.mark.parametrize("fault", [0, 1])
-def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -> None:
+def test_observing_the_truth_does_not_change_run(results: Path, fault: int) -> None:
     with Store.open(results) as store:
         case = store.plan().cases[fault]
     config = configure_run(Job("", fault, case.config, case.table, 1))
@@ -62,7 +62,7 @@ def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -
     assert repr(watched.recording.sensors) == repr(plain.recording.sensors)
 
 
-def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) -> None:
+def test_second_start_of_complete_campaign_runs_nothing(results: Path) -> None:
     with Store.open(results) as store:
         plan, runs = store.plan(), list(store.runs())
         store.put(runs, plan.cases)
@@ -76,7 +76,7 @@ def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) 
     connection.close()
 
 
-def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) -> None:
+def test_results_of_other_plan_are_not_changed(results: Path, tmp_path: Path) -> None:
     other = read_plan(study(tmp_path, text=STUDY.replace("60", "50")))
     with pytest.raises(ConfigError, match="another plan"):
         Store.begin(results, other)
@@ -87,7 +87,7 @@ def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) 
     assert text.read_text().startswith("no database")
 
 
-def test_more_seeds_go_on_in_the_same_file(tmp_path: Path) -> None:
+def test_additional_seeds_extend_results_file(tmp_path: Path) -> None:
     text = STUDY.replace("[8.0, 10.0]", "[8.0]")
     done(read_plan(study(tmp_path, 1, text)), tmp_path / "a.sqlite")
     plan = read_plan(study(tmp_path, 2, text))
@@ -96,8 +96,8 @@ def test_more_seeds_go_on_in_the_same_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
-def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) -> None:
-    path, place, seeds = study(tmp_path, 5), tmp_path / "out.sqlite", 5
+def test_killed_campaign_resumes_without_duplicates(tmp_path: Path) -> None:
+    path, file, seeds = study(tmp_path, 5), tmp_path / "out.sqlite", 5
     command = [
         sys.executable,
         "-m",
@@ -105,7 +105,7 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
         "campaign",
         str(path),
         "--output",
-        str(place),
+        str(file),
         "--workers",
         "2",
     ]
@@ -114,16 +114,16 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
     while kept == 0 and time.monotonic() < deadline:
         assert process.poll() is None
         time.sleep(0.05)
-        kept = _kept(place)
+        kept = _kept(file)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    kept = _kept(place)
+    kept = _kept(file)
     assert 0 < kept < 4 * seeds
     again = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert again.returncode == 4, again.stderr
     assert f"has {kept} of them already" in again.stdout
     plan = read_plan(path)
-    with Store.open(place) as store:
+    with Store.open(file) as store:
         runs = list(store.runs())
         assert len(runs) == 4 * seeds
         assert {(one.number, one.seed) for one in runs} == {
@@ -138,8 +138,8 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a signal")
-def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
-    path, place = study(tmp_path, 50), tmp_path / "out.sqlite"
+def test_ctrl_c_ends_all_processes_with_one_line(tmp_path: Path) -> None:
+    path, file = study(tmp_path, 50), tmp_path / "out.sqlite"
     command = [
         sys.executable,
         "-m",
@@ -147,7 +147,7 @@ def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
         "campaign",
         str(path),
         "--output",
-        str(place),
+        str(file),
         "--workers",
         "2",
     ]
@@ -155,13 +155,13 @@ def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     deadline = time.monotonic() + PATIENCE_S
-    while _kept(place) == 0 and time.monotonic() < deadline:
+    while _kept(file) == 0 and time.monotonic() < deadline:
         assert process.poll() is None
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)  # a terminal tells all its processes
+    os.killpg(process.pid, signal.SIGINT)  # a terminal signals all its processes
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
-    assert errors.strip() == f"interrupted: {_kept(place)} runs are kept; the same command resumes"
+    assert errors.strip() == f"interrupted: {_kept(file)} runs are kept; the same command resumes"
     deadline = time.monotonic() + PATIENCE_S
     while _is_there(process.pid):
         assert time.monotonic() < deadline
@@ -176,26 +176,26 @@ def _is_there(group: int) -> bool:
     return True
 
 
-def _kept(place: Path) -> int:
+def _kept(path: Path) -> int:
     try:
-        with Store.open(place) as store:
+        with Store.open(path) as store:
             return len(store.keys())
     except (BridgeError, sqlite3.Error):
         return 0
 
 
-def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path: Path) -> None:
+def test_rerun_reproduces_figures_and_saves_recording(results: Path, tmp_path: Path) -> None:
     with Store.open(results) as store:
         key = next(store.runs("passed = 0")).key
     arguments = ["rerun", str(results), key, "--output", str(tmp_path)]
-    told = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
-    assert told.exit_code == 0, told.output
-    assert "differs" not in told.output
+    output = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
+    assert output.exit_code == 0, output.output
+    assert "differs" not in output.output
     assert read(tmp_path / f"{key}.mcap").end["outcome"] == "stopped"
-    with pytest.raises(ConfigError, match="there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)
     by_part = ["rerun", str(results), key[:6], "--output", str(tmp_path), "--overwrite"]
-    assert CliRunner().invoke(campaign, by_part, catch_exceptions=False).output == told.output
+    assert CliRunner().invoke(campaign, by_part, catch_exceptions=False).output == output.output
     with pytest.raises(ConfigError, match="runs whose keys begin with ; give a longer key"):
         CliRunner().invoke(campaign, ["rerun", str(results), ""], catch_exceptions=False)
     with pytest.raises(ConfigError, match="no run with the key nothing"):
@@ -203,17 +203,17 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["report", "."], "is a folder; give a results file in it"),
         (["study.sqlite"], "contains results, not a plan; run `hil-bridge campaign report"),
         (["rpt", "study.sqlite"], "no such file or command 'rpt'; commands: run, hunt"),
     ],
 )
-def test_what_was_meant_otherwise_is_told(arguments: list[str], told: str) -> None:
+def test_misplaced_arguments_are_refused(arguments: list[str], message: str) -> None:
     ended = CliRunner().invoke(campaign, arguments)
     assert ended.exit_code != 0
-    assert told in f"{ended.exception} {ended.output}"
+    assert message in f"{ended.exception} {ended.output}"
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_what_was_meant_otherwise_is_told(arguments: list[str], told: str) -> No
         ("facts", "value", "-1"),
     ],
 )
-def test_results_of_another_hand_are_refused_in_a_line(
+def test_third_party_results_file_is_refused(
     results: Path, tmp_path: Path, table: str, column: str, value: object
 ) -> None:
     other = tmp_path / "other.sqlite"
@@ -245,8 +245,8 @@ def test_results_of_another_hand_are_refused_in_a_line(
 
 
 def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:
-    told = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--output", str(tmp_path)])
-    assert told.exit_code == 0, told.output
+    output = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--output", str(tmp_path)])
+    assert output.exit_code == 0, output.output
     assert len(list(tmp_path.glob("*.mcap"))) == 4
     with pytest.raises(ConfigError, match="no run with seed 9"):
         CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "9"], catch_exceptions=False)
@@ -254,7 +254,7 @@ def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> No
         CliRunner().invoke(campaign, ["rerun", str(results)], catch_exceptions=False)
 
 
-def test_rerun_tells_figures_that_differ(results: Path, tmp_path: Path) -> None:
+def test_rerun_reports_differing_figures(results: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.sqlite"
     with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
         source.backup(target)
@@ -263,12 +263,12 @@ def test_rerun_tells_figures_that_differ(results: Path, tmp_path: Path) -> None:
     source.close()
     target.commit()
     target.close()
-    told = CliRunner().invoke(campaign, ["rerun", str(copy), key, "--output", str(tmp_path)])
-    assert told.exit_code == 1
-    assert "differs: cycles -1 →" in told.output
+    output = CliRunner().invoke(campaign, ["rerun", str(copy), key, "--output", str(tmp_path)])
+    assert output.exit_code == 1
+    assert "differs: cycles -1 →" in output.output
 
 
-def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path) -> None:
+def test_compare_lists_setting_changes_of_equal_runs(results: Path, tmp_path: Path) -> None:
     same = CliRunner().invoke(campaign, ["compare", str(results), str(results)])
     assert same.exit_code == 0
     assert "8 runs in both, 0 of them differ" in same.output
@@ -282,8 +282,8 @@ def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path
     assert re.search(r"task.force_n 8.0 \| none  \| seed 1: .*duration_s", other.output)
 
 
-def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp_path: Path) -> None:
-    """A verdict is told also where it changed in one direction alone."""
+def test_compare_counts_worse_and_better_runs(results: Path, tmp_path: Path) -> None:
+    """A verdict is also given if all changes have the same direction."""
     failing = changed(
         results,
         tmp_path / "failing.sqlite",
@@ -295,13 +295,13 @@ def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp
         worse, better = compare_campaigns(before, after), compare_campaigns(after, before)
         same = compare_campaigns(before, before)
     assert (worse.differing, better.differing, same.differing) == (1, 1, 0)
-    told, back = list(worse.lines), list(better.lines)
-    assert told[3] == "1 passed and fail now, 0 failed and pass now"
+    output, back = list(worse.lines), list(better.lines)
+    assert output[3] == "1 passed and fail now, 0 failed and pass now"
     assert back[3] == "0 passed and fail now, 1 failed and pass now"
     assert len(list(same.lines)) == 3
 
 
-def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
+def test_compare_lists_changed_outcomes_first(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = changed(
@@ -314,17 +314,17 @@ def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
     )
     monkeypatch.setattr(comparison, "LINES", 3)
     with Store.open(results) as before, Store.open(other) as after:
-        found = compare_campaigns(before, after)
-        lines = list(found.lines)
+        result = compare_campaigns(before, after)
+        lines = list(result.lines)
     named = [line for line in lines if " | seed " in line]
     assert len(named) == 3
     assert "refused" in named[0]
     assert "refused" not in named[1]
-    assert lines[-1] == f"and {found.differing - 3} more"
-    assert found.differing == 8
+    assert lines[-1] == f"and {result.differing - 3} more"
+    assert result.differing == 8
 
 
-def test_results_of_another_version_are_told_as_such(results: Path, tmp_path: Path) -> None:
+def test_results_of_other_format_version_are_refused(results: Path, tmp_path: Path) -> None:
     older = changed(
         results, tmp_path / "older.sqlite", "UPDATE facts SET value = 'form 0' WHERE name = 'format'"
     )
@@ -334,12 +334,12 @@ def test_results_of_another_version_are_told_as_such(results: Path, tmp_path: Pa
         Store.open(older)
 
 
-def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:
-    """The shipped campaign, of which the whole takes an hour: runs that any change of the vocabulary draws again."""
-    whole = read_plan(Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml")
-    assert whole.count >= 100
-    assert not [case for case in whole.cases if case.impossible and case.fault == "none"]
-    plan = replace(whole, seeds=(4, 8, 12, 33))
+def test_shipped_campaign_sample_passes(tmp_path: Path) -> None:
+    """The complete campaign takes an hour. Any change of the vocabulary draws other runs."""
+    campaign = read_plan(Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml")
+    assert campaign.count >= 100
+    assert not [case for case in campaign.cases if case.impossible and case.fault == "none"]
+    plan = replace(campaign, seeds=(4, 8, 12, 33))
     assert (plan.count, len({case.cell for case, _ in plan.runs()})) == (4, 4)
     done(plan, tmp_path / "guard.sqlite")
     with Store.open(tmp_path / "guard.sqlite") as store:
@@ -349,12 +349,12 @@ def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:
         assert "1 in turn; seeds for each case: 0 or 1" in page(store)
 
 
-def test_seeds_on_the_command_line_add_up(tmp_path: Path) -> None:
-    path, place = str(study(tmp_path, 9, STUDY.replace("[8.0, 10.0]", "[8.0]"))), str(tmp_path / "a.sqlite")
+def test_command_line_seeds_accumulate(tmp_path: Path) -> None:
+    path, file = str(study(tmp_path, 9, STUDY.replace("[8.0, 10.0]", "[8.0]"))), str(tmp_path / "a.sqlite")
     for seeds, kept in (("3", 2), ("1:3", 6)):
-        told = CliRunner().invoke(campaign, [path, "--seeds", seeds, "--output", place, "--workers", "1"])
-        assert told.exit_code == 4, told.output
-        assert f"{kept // 2} passed, {kept // 2} failed" in told.output
+        output = CliRunner().invoke(campaign, [path, "--seeds", seeds, "--output", file, "--workers", "1"])
+        assert output.exit_code == 4, output.output
+        assert f"{kept // 2} passed, {kept // 2} failed" in output.output
     with Store.open(tmp_path / "a.sqlite") as store:
         assert sorted(store.plan().seeds) == [1, 2, 3]
     refused = CliRunner().invoke(campaign, [path, "--seeds", "3:1"])
@@ -362,31 +362,31 @@ def test_seeds_on_the_command_line_add_up(tmp_path: Path) -> None:
     assert "must be FROM:TO, such as 1:20" in refused.output
 
 
-def test_command_tells_every_mistake_of_a_plan(tmp_path: Path) -> None:
+def test_campaign_command_prints_all_plan_errors(tmp_path: Path) -> None:
     path = study(tmp_path, text=STUDY.replace("below", "under").replace("[8.0, 10.0]", "8"))
-    told = CliRunner().invoke(campaign, [str(path)])
-    assert isinstance(told.exception, ConfigError)
-    assert told.output.count("hil-bridge: ") == 2
+    output = CliRunner().invoke(campaign, [str(path)])
+    assert isinstance(output.exception, ConfigError)
+    assert output.output.count("hil-bridge: ") == 2
     assert not (tmp_path / "study.sqlite").exists()
 
 
-def test_results_that_break_while_they_are_used_are_told_in_one_line(tmp_path: Path) -> None:
+def test_results_damaged_during_use_are_reported(tmp_path: Path) -> None:
     plan = read_plan(study(tmp_path))
-    place = tmp_path / "study.sqlite"
+    path = tmp_path / "study.sqlite"
     with (
         pytest.raises(
             ConfigError, match=r"cannot use the results in .*study\.sqlite: database or disk is full"
         ),
-        Store.begin(place, plan),
+        Store.begin(path, plan),
     ):
         raise sqlite3.OperationalError("database or disk is full")
-    for change, told in (
+    for change, expected in (
         ("DROP TABLE runs", "no such table: runs"),
         ("UPDATE facts SET value = 'nonsense' WHERE name = 'criteria'", "Expecting value"),
     ):
-        with sqlite3.connect(place) as connection:
+        with sqlite3.connect(path) as connection:
             connection.execute(change)
         connection.close()
-        answer = CliRunner().invoke(campaign, ["report", str(place)])
-        assert isinstance(answer.exception, ConfigError)
-        assert told in str(answer.exception)
+        result = CliRunner().invoke(campaign, ["report", str(path)])
+        assert isinstance(result.exception, ConfigError)
+        assert expected in str(result.exception)

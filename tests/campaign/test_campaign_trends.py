@@ -1,4 +1,4 @@
-"""Campaigns side by side: sums by cell, significant changes, the page, and the exit code."""
+"""Comparison of campaigns: sums by cell, significant changes, the page, and the exit code."""
 
 import json
 import sqlite3
@@ -19,14 +19,14 @@ from tests.campaign.study import changed
 
 SEEDS = 12
 FORCES = {0: [8.0 + 0.1 * k for k in range(SEEDS)], 2: [10.0 + 0.1 * k for k in range(SEEDS)]}
-"""Largest true forces by case: the cells without a fault."""
+"""Largest true forces by case, for the cells without a fault."""
 
 
-def made(results: Path, place: Path, shift_n: float = 0.0, failing: Sequence[int] = ()) -> Path:
-    """Results with SEEDS runs of each case without a fault: their forces, shifted in the first cell alone, where runs
-    of the seeds in `failing` do not pass.
+def made(results: Path, path: Path, shift_n: float = 0.0, failing: Sequence[int] = ()) -> Path:
+    """Return results with SEEDS runs of each case without a fault. Forces are shifted in the first cell only, where
+    runs of the seeds in `failing` fail.
     """
-    with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
+    with sqlite3.connect(results) as source, sqlite3.connect(path) as target:
         source.backup(target)
         rows = {number: _row(target, number) for number in FORCES}
         target.execute("DELETE FROM runs")
@@ -48,17 +48,17 @@ def made(results: Path, place: Path, shift_n: float = 0.0, failing: Sequence[int
     source.close()
     target.commit()
     target.close()
-    return place
+    return path
 
 
 def _row(connection: sqlite3.Connection, number: int) -> dict[str, object]:
-    found = connection.execute("SELECT * FROM runs WHERE number = ?", (number,))
-    names = [column[0] for column in found.description]
-    return dict(zip(names, found.fetchone(), strict=True))
+    cursor = connection.execute("SELECT * FROM runs WHERE number = ?", (number,))
+    names = [column[0] for column in cursor.description]
+    return dict(zip(names, cursor.fetchone(), strict=True))
 
 
-def trend(*places: Path) -> Trend:
-    stores = {place.stem: Store.open(place) for place in places}
+def trend(*paths: Path) -> Trend:
+    stores = {path.stem: Store.open(path) for path in paths}
     try:
         return trend_of(stores)
     finally:
@@ -71,81 +71,83 @@ def before(short_results: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return made(short_results, tmp_path_factory.mktemp("trend") / "before.sqlite")
 
 
-def test_campaign_of_the_same_runs_shows_no_change(short_results: Path, before: Path, tmp_path: Path) -> None:
-    found = trend(before, made(short_results, tmp_path / "after.sqlite"))
-    assert found.figures == ()
-    assert [one.tallies for one in found.cells] == [(Tally(12), Tally(12))] * 2
-    assert [one.probability for one in (found.overall, *found.cells)] == [1.0, 1.0, 1.0]
-    assert not found.worse
-    assert "no significant difference" in trend_page(found)
+def test_trend_of_identical_campaigns_has_no_change(
+    short_results: Path, before: Path, tmp_path: Path
+) -> None:
+    result = trend(before, made(short_results, tmp_path / "after.sqlite"))
+    assert result.figures == ()
+    assert [one.tallies for one in result.cells] == [(Tally(12), Tally(12))] * 2
+    assert [one.probability for one in (result.overall, *result.cells)] == [1.0, 1.0, 1.0]
+    assert not result.worse
+    assert "no significant difference" in trend_page(result)
 
 
-def test_cell_in_which_fewer_passed_is_worse(short_results: Path, before: Path, tmp_path: Path) -> None:
-    found = trend(before, made(short_results, tmp_path / "after.sqlite", failing=range(8)))
-    first, second = found.cells
+def test_trend_cell_with_fewer_passed_runs_is_worse(
+    short_results: Path, before: Path, tmp_path: Path
+) -> None:
+    result = trend(before, made(short_results, tmp_path / "after.sqlite", failing=range(8)))
+    first, second = result.cells
     assert first.tallies == (Tally(12), Tally(4, 8))
     assert first.probability == fisher_exact((12, 0), (4, 8))
     assert (first.change, second.change) == (Change.WORSE, Change.NONE)
     assert first.adjusted == holm([first.probability, 1.0])[0]
-    assert found.overall.tallies == (Tally(24), Tally(16, 8))
-    assert found.worse
+    assert result.overall.tallies == (Tally(24), Tally(16, 8))
+    assert result.worse
     back = trend(tmp_path / "after.sqlite", before)
     assert back.cells[0].change is Change.BETTER
     assert not back.worse
 
 
-def test_trend_settings_that_differ_come_first(before: Path, tmp_path: Path) -> None:
-    """What got better or worse may be the effect of a setting."""
+def test_trend_lists_setting_changes_first(before: Path, tmp_path: Path) -> None:
+    """A changed setting may explain a change of the results."""
     longer = "UPDATE cases SET config = json_set(config, '$.run.duration_s', 0.4)"
-    found = trend(before, changed(before, tmp_path / "after.sqlite", longer))
-    lines = list(trend_lines(found))
+    result = trend(before, changed(before, tmp_path / "after.sqlite", longer))
+    lines = list(trend_lines(result))
     assert lines[2] == "setting run.duration_s: 0.3 → 0.4"
     assert lines[3].startswith("before → after: ")
-    assert "<h2>Settings that differ</h2>" in trend_page(found)
+    assert "<h2>Settings that differ</h2>" in trend_page(result)
     same = changed(before, tmp_path / "same.sqlite")
     assert "Settings that differ" not in trend_page(trend(before, same))
 
 
-def test_few_failures_are_no_significant_change(short_results: Path, before: Path, tmp_path: Path) -> None:
-    found = trend(before, made(short_results, tmp_path / "after.sqlite", failing=[3, 4]))
-    assert found.cells[0].tallies[1] == Tally(10, 2)
-    assert found.cells[0].change is Change.NONE
-    assert not found.worse
+def test_few_failures_are_not_significant(short_results: Path, before: Path, tmp_path: Path) -> None:
+    result = trend(before, made(short_results, tmp_path / "after.sqlite", failing=[3, 4]))
+    assert result.cells[0].tallies[1] == Tally(10, 2)
+    assert result.cells[0].change is Change.NONE
+    assert not result.worse
 
 
 @pytest.mark.parametrize(
     ("shift_n", "change"), [(2.0, Change.WORSE), (-2.0, Change.BETTER), (0.05, Change.NONE)]
 )
-def test_figure_that_moved_is_judged_by_its_good_direction(
+def test_changed_figure_is_judged_by_its_good_direction(
     short_results: Path, before: Path, tmp_path: Path, shift_n: float, change: Change
 ) -> None:
-    found = trend(before, made(short_results, tmp_path / "after.sqlite", shift_n))
-    (row,) = found.figures  # of one cell, and no other figure
+    result = trend(before, made(short_results, tmp_path / "after.sqlite", shift_n))
+    (row,) = result.figures  # of one cell, and no other figure
     assert (row.figure, row.cell, row.runs) == ("force_true_max_n", "task.force_n 8.0", (12, 12))
     assert row.medians == pytest.approx((8.55, 8.55 + shift_n))
     assert row.probability == rank_sum(FORCES[0], [force + shift_n for force in FORCES[0]])
     assert row.change is change
 
 
-def test_page_and_charts_follow_several_results(short_results: Path, before: Path, tmp_path: Path) -> None:
+def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp_path: Path) -> None:
     middle = made(short_results, tmp_path / "middle.sqlite", 1.0, [1])
-    found = trend(before, middle, made(short_results, tmp_path / "after.sqlite", 2.0, range(9)))
-    charts = trend_charts(found)
+    result = trend(before, middle, made(short_results, tmp_path / "after.sqlite", 2.0, range(9)))
+    charts = trend_charts(result)
     assert charts.axes["place"].names == ["before", "middle", "after"]
     passed, force = charts.charts
     assert (passed.id, force.id) == ("passed", "force_true_max_n")
     assert charts.sources["passed"][passed.series[0].column] == pytest.approx([100.0, 1100 / 12, 25.0])
     assert charts.sources[force.id][force.series[0].column] == pytest.approx([8.55, 9.55, 10.55])
     assert force.series[0].colour == passed.series[0].colour
-    text = trend_page(found)
+    text = trend_page(result)
     assert "3 campaigns compared" in text
     assert '<span class="badge bad">2 worse, 0 better</span>' in text
     assert "<td>12/12</td><td>11/12</td><td>3/12</td>" in text
 
 
-def test_command_writes_the_page_and_ends_with_1_where_it_is_worse(
-    short_results: Path, before: Path, tmp_path: Path
-) -> None:
+def test_compare_command_exits_with_1_if_worse(short_results: Path, before: Path, tmp_path: Path) -> None:
     after = made(short_results, tmp_path / "after.sqlite", failing=range(8))
     page = tmp_path / "page.html"
     arguments = ["compare", str(before), str(after), "--output", str(page)]
@@ -153,19 +155,19 @@ def test_command_writes_the_page_and_ends_with_1_where_it_is_worse(
     assert ended.exit_code == 1
     assert "before → after: 1 significantly worse, 0 better" in ended.output
     assert "campaigns compared" in page.read_text()
-    with pytest.raises(ConfigError, match="there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(cli, arguments, catch_exceptions=False)
     as_json = CliRunner().invoke(cli, [*arguments, "--json"], catch_exceptions=False)
     assert as_json.exit_code == 1
-    told = json.loads(as_json.output)
-    assert told["cells"][0]["change"] == "worse"
-    assert told["cells"][0]["tallies"][1] == {"passed": 4, "failed": 8, "errors": 0}
+    output = json.loads(as_json.output)
+    assert output["cells"][0]["change"] == "worse"
+    assert output["cells"][0]["tallies"][1] == {"passed": 4, "failed": 8, "errors": 0}
     back = CliRunner().invoke(cli, ["compare", str(after), str(before), "--json"], catch_exceptions=False)
     assert back.exit_code == 0
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "message"),
     [
         (["before"], "takes the results of 2 to 50 campaigns, not of 1"),
         (["before", "run.mcap"], "either recordings or results of campaigns"),
@@ -174,7 +176,9 @@ def test_command_writes_the_page_and_ends_with_1_where_it_is_worse(
         (["before", "empty"], "has no run yet; run the campaign first"),
     ],
 )
-def test_mistake_is_told_in_a_line(before: Path, tmp_path: Path, files: list[str], told: str) -> None:
+def test_compare_command_refuses_invalid_input(
+    before: Path, tmp_path: Path, files: list[str], message: str
+) -> None:
     empty = tmp_path / "empty.sqlite"
     with sqlite3.connect(before) as source, sqlite3.connect(empty) as target:
         source.backup(target)
@@ -184,5 +188,5 @@ def test_mistake_is_told_in_a_line(before: Path, tmp_path: Path, files: list[str
     target.close()
     names = {"before": str(before), "run.mcap": "run.mcap", "none": "none.sqlite", "empty": str(empty)}
     arguments = ["compare", *(names[name] for name in files), "--output", str(tmp_path / "page.html")]
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=message):
         CliRunner().invoke(cli, arguments, catch_exceptions=False)

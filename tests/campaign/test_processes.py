@@ -1,4 +1,4 @@
-"""The one pool: order, progress, warm workers, a crash, Ctrl-C, SIGTERM."""
+"""Process pool: order, progress, warm workers, a crash, Ctrl-C, SIGTERM."""
 
 import multiprocessing
 import os
@@ -14,7 +14,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.lab.processes import as_completed, in_order, own_processes
 
 JOBS: tuple[Callable[[], Any], ...] = (os.getpid, partial(time.sleep, 60.0))
-"""The first ends at once, the second does not end in a test."""
+"""Jobs of which the first ends immediately, and the second not within a test."""
 FAILING: tuple[Callable[[], Any], ...] = (partial(time.sleep, 60.0), partial(int, "x"))
 
 
@@ -23,7 +23,7 @@ def perform(job: Callable[[], Any]) -> Any:
 
 
 def slow_square(number: int) -> int:
-    """The first ones take longest."""
+    """Square a number; the first ones take longest."""
     time.sleep(0.05 * max(4 - number, 0))
     return number * number
 
@@ -31,17 +31,17 @@ def slow_square(number: int) -> int:
 @pytest.mark.sweep
 @pytest.mark.parametrize("workers", [1, 3])
 @pytest.mark.parametrize("chunk", [1, 4])
-def test_results_come_in_the_order_of_the_jobs(workers: int, chunk: int) -> None:
+def test_pool_results_keep_job_order(workers: int, chunk: int) -> None:
     ended: list[int] = []
     with own_processes(workers) as pool:
-        found = in_order(pool, slow_square, range(10), ended.append, chunk)
+        result = in_order(pool, slow_square, range(10), ended.append, chunk)
         assert in_order(pool, slow_square, []) == []
-    assert found == [number * number for number in range(10)]
+    assert result == [number * number for number in range(10)]
     assert sum(ended) == 10
     assert (len(ended) == 10) == (1 in (workers, chunk))
 
 
-def test_workers_stay_warm_between_calls_and_one_process_is_this_one() -> None:
+def test_pool_keeps_workers_between_calls() -> None:
     jobs = [os.getpid] * 6
     with own_processes(2) as pool:
         first, second = (set(in_order(pool, perform, jobs, chunk=1)) for _ in range(2))
@@ -52,7 +52,7 @@ def test_workers_stay_warm_between_calls_and_one_process_is_this_one() -> None:
 
 
 def crash() -> list[Any]:
-    """A worker is killed, as Linux does when memory is short."""
+    """Kill a worker, as Linux does when memory is low."""
     with own_processes(2) as pool:
         return in_order(pool, signal.raise_signal, [signal.SIGKILL, signal.SIGKILL], chunk=1)
 
@@ -77,7 +77,7 @@ def terminate() -> None:
 
 
 @pytest.mark.parametrize(
-    ("end", "kind", "words"),
+    ("end", "kind", "message"),
     [
         (crash, BridgeError, "a worker process was killed externally; run the same command again"),
         (fail, ValueError, "invalid literal"),
@@ -85,13 +85,13 @@ def terminate() -> None:
         (terminate, SystemExit, "143"),
     ],
 )
-def test_every_way_out_is_told_and_leaves_nothing_running(
-    end: Callable[[], Any], kind: type[BaseException], words: str
+def test_pool_exit_is_reported_and_leaves_no_process(
+    end: Callable[[], Any], kind: type[BaseException], message: str
 ) -> None:
     other = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(120.0,))
     other.start()
     handler, began = signal.getsignal(signal.SIGTERM), time.monotonic()
-    with pytest.raises(kind, match=words) as caught:
+    with pytest.raises(kind, match=message) as caught:
         end()
     assert time.monotonic() - began < 30.0
     assert "\n" not in str(caught.value)

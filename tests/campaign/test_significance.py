@@ -1,4 +1,4 @@
-"""Tests of significance, held against SciPy and against every permutation."""
+"""Significance tests, compared with SciPy and with every permutation."""
 
 import itertools
 import math
@@ -12,20 +12,20 @@ from hil_bridge.lab.significance import fisher_exact, holm, rank_sum
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_fisher_is_that_of_scipy(seed: int) -> None:
+def test_fisher_exact_matches_scipy(seed: int) -> None:
     draw = random.Random(seed)
     most = 10 ** draw.randint(0, 4)
     first, second = ((draw.randint(0, most), draw.randint(0, most)) for _ in range(2))
     assert fisher_exact(first, second) == pytest.approx(stats.fisher_exact([first, second])[1], rel=1e-6)
 
 
-def test_fisher_of_no_runs_finds_nothing() -> None:
+def test_fisher_exact_without_runs_is_one() -> None:
     assert fisher_exact((0, 0), (3, 4)) == 1.0
     assert fisher_exact((5, 0), (7, 0)) == 1.0
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_rank_sum_without_ties_is_the_exact_one_of_scipy(seed: int) -> None:
+def test_rank_sum_without_ties_matches_scipy(seed: int) -> None:
     draw = random.Random(seed)
     first = [draw.gauss(0.0, 1.0) for _ in range(draw.randint(1, 20))]
     second = [draw.gauss(draw.choice((0.0, 1.5)), 1.0) for _ in range(draw.randint(1, 20))]
@@ -35,7 +35,7 @@ def test_rank_sum_without_ties_is_the_exact_one_of_scipy(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(15))
-def test_rank_sum_with_ties_counts_every_permutation(seed: int) -> None:
+def test_rank_sum_with_ties_matches_permutations(seed: int) -> None:
     draw = random.Random(seed)
     levels = (0.0, 1.0, 2.0, math.inf)
     first = [draw.choice(levels) for _ in range(draw.randint(1, 5))]
@@ -49,15 +49,15 @@ def test_rank_sum_with_ties_counts_every_permutation(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_rank_sum_of_many_follows_the_normal_law_as_in_scipy(seed: int) -> None:
+def test_rank_sum_of_large_samples_matches_scipy(seed: int) -> None:
     draw = random.Random(seed)
     first = [float(draw.randint(0, 20)) for _ in range(60)]
     second = [float(draw.randint(0, 22)) for _ in range(45)]
-    told = stats.mannwhitneyu(first, second, method="asymptotic").pvalue
-    assert rank_sum(first, second) == pytest.approx(told, rel=1e-9)
+    expected = stats.mannwhitneyu(first, second, method="asymptotic").pvalue
+    assert rank_sum(first, second) == pytest.approx(expected, rel=1e-9)
 
 
-def test_both_ways_of_the_rank_sum_nearly_agree_where_they_meet(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exact_and_normal_rank_sum_nearly_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = [float(3 * k) for k in range(20)], [float(3 * k + 14) for k in range(20)]
     exact = rank_sum(first, second)
     monkeypatch.setattr(significance, "EXACT_PAIRS", 0)
@@ -65,13 +65,13 @@ def test_both_ways_of_the_rank_sum_nearly_agree_where_they_meet(monkeypatch: pyt
     assert rank_sum(first, second) == pytest.approx(exact, rel=0.1)
 
 
-def test_rank_sum_of_equal_or_empty_samples_finds_nothing() -> None:
+def test_rank_sum_of_equal_or_empty_samples_is_one() -> None:
     assert rank_sum([], [1.0]) == 1.0
     assert rank_sum([2.0] * 5, [2.0] * 7) == 1.0
     assert rank_sum([2.0] * 50, [2.0] * 70) == 1.0
 
 
-def test_holm_multiplies_by_what_is_left_and_keeps_the_order() -> None:
+def test_holm_adjustment_keeps_order() -> None:
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert holm([0.6, 0.5]) == [1.0, 1.0]
     assert holm([]) == []

@@ -1,4 +1,4 @@
-"""A package of toys that fail on purpose: `FAILS` says which part, how, and from which call on."""
+"""Package of toys that fail on purpose: `FAILS` selects the part, the failure and the first failing call."""
 
 import asyncio
 import dataclasses
@@ -25,33 +25,33 @@ from hil_bridge.devices.robots.streamed_motion import StreamedMotion
 FAILS: dict[str, Any] = {"part": "", "how": "", "after": 0}
 
 
-class OfItsOwn(BaseException):
-    """No Exception: `except Exception` does not take it."""
+class PluginExit(BaseException):
+    """BaseException that `except Exception` does not catch."""
 
 
 RAISES: dict[str, BaseException] = {
     "raise": ValueError("it is broken\nin two lines"),
     "exit": SystemExit(0),
     "keyboard": KeyboardInterrupt(),
-    "own": OfItsOwn("all is over"),
+    "own": PluginExit("unrecoverable"),
     "generator": GeneratorExit(),
     "cancelled": asyncio.CancelledError(),
     "group": BaseExceptionGroup("two at once", [KeyboardInterrupt(), KeyError("other")]),
 }
 ANSWERS: dict[str, Any] = {"nothing": None, "nan": math.nan}
-"""Answers in place of the right one."""
+"""Invalid return values that replace the valid one."""
 calls: dict[str, int] = {}
 
 
-def how(part: str) -> str:
-    """How a part fails now; empty while it does not. Raises what it is to raise."""
+def failure_of(part: str) -> str:
+    """Return the failure of a part, empty for none, or raise the selected exception."""
     calls[part] = calls.get(part, 0) + 1
     if part != FAILS["part"] or calls[part] < FAILS["after"]:
         return ""
     if FAILS["how"] in RAISES:
         raise RAISES[FAILS["how"]]
     if FAILS["how"] == "callback":
-        asyncio.get_running_loop().call_soon(stray)
+        asyncio.get_running_loop().call_soon(raise_in_loop)
         return ""
     if FAILS["how"] == "cancels":
         asyncio.tasks.current_task().cancel()  # type: ignore[union-attr]
@@ -59,8 +59,8 @@ def how(part: str) -> str:
     return str(FAILS["how"])
 
 
-def stray() -> None:
-    """Leave the loop as no exception of a callback should."""
+def raise_in_loop() -> None:
+    """Raise an exception that leaves the event loop."""
     FAILS["how"] = ""
     raise SystemExit(1)
 
@@ -79,40 +79,40 @@ class Law:
             "nothing": None,
             "nan": (None, Command(math.nan, 0.0)),
         }
-        return answers[how("law")]
+        return answers[failure_of("law")]
 
 
 class FailingArmClient(ArmClient):
     def receive(self, data: Any, now: float) -> None:
-        how("arm-client")
+        failure_of("arm-client")
         super().receive(data, now)
 
 
 class FailingLink(StreamedLink[Any]):
     async def report(self, *, soon: bool = False) -> Any:
-        how("link")
+        failure_of("link")
         return await super().report(soon=soon)
 
     async def aclose(self) -> None:
         await super().aclose()
-        how("link-close")
+        failure_of("link-close")
 
 
 class FailingArm(Arm):
     def handle_deadline(self, now: float) -> None:
-        how("arm")
+        failure_of("arm")
         super().handle_deadline(now)
 
 
 class FailingLoadClient(LoadClient):
     def receive(self, data: Any, now: float) -> None:
-        how("load-client")
+        failure_of("load-client")
         super().receive(data, now)
 
 
 class FailingLoad(LoadCell):
     def handle_deadline(self, now: float) -> None:
-        how("load")
+        failure_of("load")
         super().handle_deadline(now)
 
 
@@ -120,37 +120,37 @@ class FailingSpring(Spring):
     def force(self, positions: Any, velocities: Any, times: Any) -> Any:
         force = super().force(positions, velocities, times)
         answers = {"": force, "nothing": None, "nan": math.nan * force, "shape": force[:, :2]}
-        return answers[how("spring")]
+        return answers[failure_of("spring")]
 
 
 def weave(kind: Any, part: str) -> None:
-    """Let each method and property of a class fail as the part `part.method`."""
+    """Make each method and property of a class fail as the part `part.method`."""
     for name in dir(kind):
-        found, key = inspect.getattr_static(kind, name), f"{part}.{name}"
+        attribute, key = inspect.getattr_static(kind, name), f"{part}.{name}"
         if name.startswith("_") and name != "__init__":
             continue
-        if isinstance(found, property):
-            setattr(kind, name, property(woven(found.fget, key), found.fset))
-        elif inspect.isfunction(found):
-            setattr(kind, name, woven(found, key))
+        if isinstance(attribute, property):
+            setattr(kind, name, property(may_fail(attribute.fget, key), attribute.fset))
+        elif inspect.isfunction(attribute):
+            setattr(kind, name, may_fail(attribute, key))
 
 
-def woven(function: Any, key: str) -> Any:
-    """A function that may fail."""
+def may_fail(function: Any, key: str) -> Any:
+    """Return a function that may fail."""
 
     def call(*values: Any, **options: Any) -> Any:
-        said = how(key)
-        return function(*values, **options) if not said else ANSWERS[said]
+        failure = failure_of(key)
+        return function(*values, **options) if not failure else ANSWERS[failure]
 
     async def wait(*values: Any, **options: Any) -> Any:
-        said = how(key)
-        return await function(*values, **options) if not said else ANSWERS[said]
+        failure = failure_of(key)
+        return await function(*values, **options) if not failure else ANSWERS[failure]
 
     return wait if inspect.iscoroutinefunction(function) else call
 
 
 class FailingMotion(StreamedMotion[Any]):
-    """The movement of the failing link."""
+    """Movement of the failing link."""
 
 
 weave(Law, "Law")
@@ -162,32 +162,32 @@ weave(FailingMotion, "Motion")
 
 
 class MovingLink(FailingLink):
-    """The failing link with a movement that fails."""
+    """Failing link with a failing movement."""
 
     @asynccontextmanager
     async def motion(self, limits: Any) -> Any:
         async with super().motion(limits) as motion:
-            how("Link.enter")
+            failure_of("Link.enter")
             motion.__class__ = FailingMotion
             yield motion
-        how("Link.leave")
+        failure_of("Link.leave")
 
 
 async def connect_arm(url: str, settings: Any, wiring: Any) -> Any:
-    if how("connect"):
+    if failure_of("connect"):
         return None
     wire = await wiring.datagrams(url)
     return MovingLink(wire, FailingArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
 
 
 async def connect_load(url: str, settings: Any, wiring: Any) -> Any:
-    if how("connect-load"):
+    if failure_of("connect-load"):
         return None
     return await wiring.datagrams(url), FailingLoadClient(wiring.clock.now())
 
 
 def make_arm(settings: Any) -> Any:
-    how("make")
+    failure_of("make")
     return lambda start, now, seed: FailingArm(settings.emulated, start, now)
 
 

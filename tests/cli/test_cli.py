@@ -1,4 +1,4 @@
-"""The command line as an operator meets it, in this process: help, refusals, settings, and what stands beside a run."""
+"""The command line in this process: help, refusals, settings, and commands other than a run."""
 
 import json
 import os
@@ -19,10 +19,10 @@ from tests.command_line import VIRTUAL, Command, refused
 STATUS_ORDER = "10 02 00 08 01 00 13 01 00 00 10 03"
 
 TITLES = {"Commands", *HELP_SECTIONS}
-"""Titles of lists of commands in a help."""
+"""Titles of command lists in a help text."""
 
 
-def test_help_imports_none_of_the_heavy_libraries() -> None:
+def test_help_does_not_import_heavy_libraries() -> None:
     program = (
         "import sys, hil_bridge.cli\nsys.argv = ['hil-bridge', '--help']\n"
         "try: hil_bridge.cli.main()\n"
@@ -30,9 +30,9 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         "print([n for n in ('numpy', 'scipy', 'matplotlib', 'rich', 'can', 'serial', 'pydantic', 'mcap', 'asyncio')"
         " if n in sys.modules], file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert "Exit codes" in done.stdout
-    assert done.stderr == "[]\n"
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "Exit codes" in process.stdout
+    assert process.stderr == "[]\n"
 
 
 @pytest.mark.parametrize(
@@ -117,17 +117,17 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["emulate", "arm"], "No such command 'arm'; see `hil-bridge emulate --help`"),
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
-        (["report", "."], "is no bag of ROS 2: no file in it ends in .mcap or .db3"),
+        (["report", "."], "is not a ROS 2 bag: no file in it ends in .mcap or .db3"),
         (["report", "r.mcap", "--out", "x"], "--out is -o or --output now: write -o x"),
-        (["list", "facts", "file"], "file is no TOML"),
-        (["config", "init", "file"], "file is there already"),
-        (["config", "init", "none/c.toml"], "cannot write none/c.toml: there is no such folder"),
+        (["list", "facts", "file"], "file is not valid TOML"),
+        (["config", "init", "file"], "file already exists"),
+        (["config", "init", "none/c.toml"], "cannot write none/c.toml: no such folder"),
         (["decode"], "Missing command; see `hil-bridge decode --help`"),
         (["decode", "computer-link", ""], "nothing to decode"),
         (["decode", "computer-link", "10", "0"], "3 digits are not complete bytes"),
         (["decode", "computer-link", "1g"], "'g' at digit 2 is not a hexadecimal digit"),
         (["decode", "jr3-can", "201"], "a # between identifier and data is missing"),
-        (["decode", "jr3-can", "xyz#00"], "'x' is no hexadecimal digit"),
+        (["decode", "jr3-can", "xyz#00"], "'x' is not a hexadecimal digit"),
         (
             ["run", "--surface", "mujoco", "--virtual"],
             "there is no surface 'mujoco'; choose one of soft-body",
@@ -135,7 +135,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["bogus"], "No such command 'bogus'; see `hil-bridge --help`"),
     ],
 )
-def test_bad_input_is_one_line_that_says_what_to_do(
+def test_invalid_input_is_one_line_with_remedy(
     hil: Command, tmp_path: Path, arguments: list[str], message: str
 ) -> None:
     (tmp_path / "file").write_text("no TOML, no recording")
@@ -149,7 +149,7 @@ def test_bad_input_is_one_line_that_says_what_to_do(
         ("s3+tcp://127.0.0.1:1", "no program listens there; start the other side first"),
     ],
 )
-def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:
+def test_unavailable_wire_is_device_error(hil: Command, robot: str, message: str) -> None:
     code, _, errors = hil(
         *("run", "--unchecked", "--no-view", "--robot", robot, "--sensor", "jr3+can+slcan:///dev/none"),
         *("--record", "r.mcap"),
@@ -160,7 +160,7 @@ def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str
     assert Path("r.mcap").stat().st_size
 
 
-def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_port_without_permission_names_group(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = os.open
 
     def forbidden(path: str, *arguments: int, **options: int) -> int:
@@ -180,7 +180,7 @@ def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: py
 # --- decode, config, profile
 
 
-def test_sound_bytes_and_frames_decode_with_exit_code_0(hil: Command) -> None:
+def test_decode_valid_input_exits_with_code_0(hil: Command) -> None:
     code, output, _ = hil("decode", "computer-link", *STATUS_ORDER.split(), "18")
     assert (code, json.loads(output)[0]["header"]["function_text"]) == (0, "read status")
     assert hil("decode", "computer-link", f"05{STATUS_ORDER}18".replace(" ", ":"))[0] == 0
@@ -188,7 +188,7 @@ def test_sound_bytes_and_frames_decode_with_exit_code_0(hil: Command) -> None:
     assert (code, json.loads(output)[0]["op"]) == (0, "start async")
 
 
-def test_a_fault_in_a_block_is_told_with_its_place_and_exit_code_2(hil: Command) -> None:
+def test_decode_faulty_block_reports_position_and_code_2(hil: Command) -> None:
     code, output, errors = hil("decode", "computer-link", STATUS_ORDER, "19")
     (item,) = json.loads(output)
     assert (code, errors) == (2, "")
@@ -199,7 +199,7 @@ def test_a_fault_in_a_block_is_told_with_its_place_and_exit_code_2(hil: Command)
 
 
 @pytest.mark.parametrize("frame", ["201#C800", "201#", "7FF#00", "080#R", "00000201#C80010270000"])
-def test_frames_with_wrong_ids_or_lengths_have_exit_code_2(hil: Command, frame: str) -> None:
+def test_decode_invalid_frames_exits_with_code_2(hil: Command, frame: str) -> None:
     code, output, errors = hil("decode", "jr3-can", "201#C80010270000", frame)
     sound, broken = json.loads(output)
     assert (code, errors, sound["problems"]) == (2, "", [])
@@ -213,7 +213,7 @@ def test_config_commands(hil: Command) -> None:
     assert (code, json.loads(output)["type"]) == (0, "object")
 
 
-def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) -> None:
+def test_list_facts_shows_assumed_and_changed_values(hil: Command) -> None:
     Path("c.toml").write_text("[robot.s3.link]\nbid_limit = 7\n")
     *assumed, counts = hil("list", "facts", "c.toml")[1].splitlines()
     *everything, same = hil("list", "facts", "c.toml", "--all")[1].splitlines()
@@ -234,7 +234,7 @@ def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) ->
     "group",
     [[], ["campaign"], ["config"], ["decode"], ["emulate"], ["identify"], ["list"], ["panel"], ["probe"]],
 )
-def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
+def test_help_summaries_fit_80_columns(
     hil: Command, group: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
@@ -262,15 +262,15 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
         ({"sensor": "s", "tool-mass-kg": "0.5"}, "hil-bridge run --sensor 's' --tool-mass-kg 0.5"),
     ],
 )
-def test_what_is_served_names_a_command_that_can_reach_it(where: dict[str, str], command: str) -> None:
+def test_emulate_prints_command_for_client(where: dict[str, str], command: str) -> None:
     assert client_of(where, where.get("robot", "").startswith("s3+")) == command
 
 
-def test_bare_command_line_shows_the_first_commands(hil: Command) -> None:
+def test_bare_command_line_shows_first_commands(hil: Command) -> None:
     code, output, errors = hil()
     assert (code, errors) == (0, "")
-    shown = [line.split() for line in output.splitlines() if line.startswith("  hil-bridge ")]
-    assert [words[1] for words in shown] == ["run", "view", "report", "config", "doctor"]
+    commands = [line.split() for line in output.splitlines() if line.startswith("  hil-bridge ")]
+    assert [columns[1] for columns in commands] == ["run", "view", "report", "config", "doctor"]
     assert "All commands: hil-bridge --help\n" in output
 
 
@@ -279,7 +279,7 @@ def test_command_line_has_at_most_22_commands() -> None:
 
 
 @pytest.mark.parametrize("name", MOVED)
-def test_earlier_name_of_a_command_is_answered_with_the_new(hil: Command, name: str) -> None:
+def test_renamed_command_reports_new_name(hil: Command, name: str) -> None:
     line = refused(hil(name, "x"))
     assert line.startswith(f"hil-bridge: the command {name!r} is now '")
     for group, command, *_ in map(str.split, MOVED[name]):
@@ -287,7 +287,7 @@ def test_earlier_name_of_a_command_is_answered_with_the_new(hil: Command, name: 
         assert hil(group, *([] if command.isupper() else [command]), "--help")[0] == 0
 
 
-def test_command_of_a_package_names_its_installation(hil: Command) -> None:
+def test_command_of_package_reports_installation(hil: Command) -> None:
     line = refused(hil("experiment", "all"))
     assert (
         "in a package of its own; install it from a checkout: pip install ./examples/paper-experiments"
@@ -295,7 +295,7 @@ def test_command_of_a_package_names_its_installation(hil: Command) -> None:
     )
 
 
-def test_no_output_overwrites_what_the_run_needs(hil: Command, tmp_path: Path) -> None:
+def test_output_never_overwrites_input(hil: Command, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("[run]\nduration_s = 1\n")
     assert "--record c.toml would overwrite the configuration" in refused(
         hil(*VIRTUAL, "c.toml", "--record", "c.toml")
@@ -306,54 +306,57 @@ def test_no_output_overwrites_what_the_run_needs(hil: Command, tmp_path: Path) -
     assert (tmp_path / "c.toml").read_text() == "[run]\nduration_s = 1\n"
 
 
-def test_a_terminal_without_the_letters_gets_escapes(tmp_path: Path) -> None:
-    done = subprocess.run(
+def test_output_is_escaped_for_limited_terminal(tmp_path: Path) -> None:
+    process = subprocess.run(
         [sys.executable, "-m", "hil_bridge", "decode", "computer-link", f"{STATUS_ORDER} 18"],
         env={**os.environ, "PYTHONIOENCODING": "latin-1"},
         capture_output=True,
         check=True,
     )
-    assert b"PC \\u2192 S3" in done.stdout
+    assert b"PC \\u2192 S3" in process.stdout
 
 
-def test_the_help_names_every_command_once_by_what_it_is_for(hil: Command) -> None:
+def test_help_lists_every_command_once_by_purpose(hil: Command) -> None:
     _, output, _ = hil("--help")
-    listed = [
+    commands_listed = [
         line.split()[0] for line in output.splitlines() if re.match(r"  [a-z]", line) and "  " in line[2:]
     ]
-    assert sorted(listed) == cli.list_commands(click.Context(cli))
+    assert sorted(commands_listed) == cli.list_commands(click.Context(cli))
     assert "\nOn site:\n" in output
 
 
-def test_a_setting_is_given_by_its_key(hil: Command) -> None:
+def test_set_option_overrides_setting(hil: Command) -> None:
     code, output, errors = hil(
         *VIRTUAL, "--no-record", "--set", "run.duration_s=0.5", "--set", "controller.name=pi"
     )
     assert (code, errors) == (0, "")
     assert "pi" in output
-    for wrong, words in (
+    for wrong, message in (
         ("limits.force_limit_n=x", "--set limits.force_limit_n: must be a valid number"),
-        ("limits.force=1", "--set limits.force is no setting; the unit is part of the name: force_limit_n"),
+        (
+            "limits.force=1",
+            "--set limits.force is not a setting; the unit is part of the name: force_limit_n",
+        ),
         ("limits.force_limit_n", "write KEY=VALUE"),
         ("=1", "write KEY=VALUE"),
     ):
         code, _, errors = hil(*VIRTUAL, "--set", wrong)
         assert code == 2
-        assert words in errors
+        assert message in errors
     code, _, errors = hil(*VIRTUAL, "--set", "run.seed=1", "--set", "run.seed=2")
     assert (code, "run.seed is given twice" in errors) == (2, True)
 
 
-def test_an_option_of_its_own_goes_before_a_setting(hil: Command) -> None:
+def test_dedicated_option_takes_precedence_over_set(hil: Command) -> None:
     hil(*VIRTUAL, "--set", "run.seed=5", "--seed", "9", "--duration", "0.5")
     assert json.loads(hil("list", "runs", "--json")[1])[-1]["outcome"] == "completed"
     (folder,) = Path("runs").iterdir()
     assert json.loads((folder / "summary.json").read_text())["seed"] == "9"
 
 
-def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
+def test_list_runs_shows_readable_part_of_each(hil: Command) -> None:
     code, _, errors = hil("list", "runs")
-    assert (code, "name the folder in which runs lie" in errors) == (2, True)
+    assert (code, "name the folder that contains the runs" in errors) == (2, True)
     hil(*VIRTUAL, "--duration", "0.5")
     for name, text in (("2020-broken", "{"), ("2020-list", "[]"), ("2020-\x1b[2J", '{"outcome": "\x1b[2J"}')):
         (Path("runs") / name).mkdir()
@@ -379,12 +382,12 @@ def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
     assert "completed  predictive" in rows[-1]
     assert len(hil("list", "runs", "--last", "1")[1].splitlines()) == 2
     assert hil("list", "runs", str(Path("runs") / "9999-empty"))[1].startswith(
-        "no runs: each is a folder with the summary.json"
+        "no runs: a run is a folder with the summary.json"
     )
 
 
 @pytest.mark.parametrize(
-    ("words", "begun", "names"),
+    ("arguments", "incomplete", "names"),
     [
         (["run", "--robot"], "r", ["rsi", "rtde"]),
         (["run", "--sensor"], "jr3-", ["jr3-board", "jr3-uart"]),
@@ -396,6 +399,8 @@ def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
         (["conform", "--only"], "nom", []),
     ],
 )
-def test_a_shell_completes_values(words: list[str], begun: str, names: list[str]) -> None:
-    completed = ShellComplete(cli, {}, "hil-bridge", "_HIL_BRIDGE_COMPLETE").get_completions(words, begun)
+def test_shell_completion_offers_values(arguments: list[str], incomplete: str, names: list[str]) -> None:
+    completed = ShellComplete(cli, {}, "hil-bridge", "_HIL_BRIDGE_COMPLETE").get_completions(
+        arguments, incomplete
+    )
     assert [one.value for one in completed] == names

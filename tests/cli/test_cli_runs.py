@@ -1,4 +1,4 @@
-"""Whole runs by the command line, in virtual time: what each prints and leaves, also when it ends early."""
+"""Complete runs by the command line, in virtual time: printed and written output, also if a run ends early."""
 
 import asyncio
 import io
@@ -27,16 +27,16 @@ RECORDED = ("--no-view", "--record", "r.mcap")
 
 FIRST_DAY = {
     "report r.mcap --overwrite": "report.html",
-    "why r.mcap": "It had no control cycle",
+    "why r.mcap": "There was no control cycle",
     "latency r.mcap": "no times: the run ended before its first control cycle",
     "replay r.mcap": "no cycle to replay: the run ended before its first control cycle",
     "compare r.mcap copy.mcap -o c.html": "c.html",
     "monitor r.mcap": "",
 }
-"""Commands on a recording that ended before its first cycle, and words of their output."""
+"""Commands on a recording that ended before its first cycle, and part of their output."""
 
 
-def test_a_refused_run_leaves_an_earlier_recording_alone(hil: Command) -> None:
+def test_refused_run_keeps_earlier_recording(hil: Command) -> None:
     Path("keep.mcap").write_bytes(b"an hour of work")
     Path("rt.toml").write_text("[realtime]\ncpus = [999]\n")
     code, _, errors = hil("run", "rt.toml", "--no-view", "--record", "keep.mcap")
@@ -45,28 +45,26 @@ def test_a_refused_run_leaves_an_earlier_recording_alone(hil: Command) -> None:
     assert Path("keep.mcap").read_bytes() == b"an hour of work"
 
 
-def test_what_is_wanted_is_written_before_anything_is_said(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As with `| head`: the reader of the output may have gone by then."""
-    there: list[bool] = []
+def test_run_writes_outputs_before_printing(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader of standard output may have exited, as with `| head`."""
+    files_exist: list[bool] = []
 
     class Left(io.StringIO):
         def write(self, text: str) -> int:
-            there.append(all(path.exists() for path in (Path("s.json"), Path("rep/report.html"))))
+            files_exist.append(all(path.exists() for path in (Path("s.json"), Path("rep/report.html"))))
             raise BrokenPipeError
 
     config = read_config({"run": {"duration_s": 1.0}})
     with monkeypatch.context() as patched:
         patched.setattr(sys, "stdout", Left())
         assert execute(config, True, Outputs(Path("r.mcap"), Path("s.json"), Path("rep")), False) == 0
-    assert there
-    assert all(there)
+    assert files_exist
+    assert all(files_exist)
     assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
     assert Path("rep/report.html").exists()
 
 
-def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Command) -> None:
+def test_run_prints_figures_and_report_is_reproducible(hil: Command) -> None:
     code, output, errors = hil(
         *VIRTUAL, "--duration", "2", "--record", "r.mcap", "--summary", "s.json", "--report", "rep"
     )
@@ -85,23 +83,23 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     assert "empty.mcap is empty" in refused(hil("report", "empty.mcap"))
 
 
-def test_a_run_speaks_as_the_observed_client_and_its_cell_understands(hil: Command) -> None:
-    """Its telegrams tell the length of their data alone, and a move has 60 bytes."""
+def test_run_with_observed_client_profile_works(hil: Command) -> None:
+    """Telegrams of this profile state only the length of their data, and a move has 60 bytes."""
     assert hil("run", "--virtual", "--link-profile", "observed-client", "--duration", "1", *RECORDED)[0] == 0
     recording, traffic = read_with_traffic(Path("r.mcap"))
-    said = [piece for link in traffic.robot for piece in link.pieces if " tx 1002" in piece]
-    moves = [piece.partition(" tx ")[2] for piece in said if "0100180" in piece]
-    framed = 60 + 5  # DLE STX before it, DLE ETX and the check behind it
+    sent = [piece for link in traffic.robot for piece in link.pieces if " tx 1002" in piece]
+    moves = [piece.partition(" tx ")[2] for piece in sent if "0100180" in piece]
+    framed = 60 + 5  # preceded by DLE STX, followed by DLE ETX and the checksum
     assert {(move[4:8], len(move) // 2) for move in moves} == {(f"{60 - HEADER_SIZE:04x}", framed)}
     assert recording.end["outcome"] == "completed"
 
 
-def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:
+def test_run_does_not_record_end_of_emulator(hil: Command) -> None:
     assert hil(*VIRTUAL, "--duration", "0.3", "--record", "r.mcap")[0] == 0
     assert not [event for event in read(Path("r.mcap")).events if event.kind == EventKind.EMULATOR]
 
 
-def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command) -> None:
+def test_run_with_dead_sensor_keeps_recording(hil: Command) -> None:
     Path("c.toml").write_text("[cell.jr3.sensor]\nconnected = false\n")
     code, output, errors = hil(
         *VIRTUAL, "c.toml", "--record", "r.mcap", "--report", "rep", "--summary", "s.json"
@@ -113,18 +111,16 @@ def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command
     assert json.loads(Path("s.json").read_text())["cause"] == "sensor-failed"
     assert (Path("rep") / "report.html").exists()
     shutil.copy("r.mcap", "copy.mcap")
-    for command, words in FIRST_DAY.items():
+    for command, text in FIRST_DAY.items():
         code, output, errors = hil(*command.split())
         assert (code, errors) == (0, ""), command
-        assert words in output, command
+        assert text in output, command
     source = run_source_of(api.read("r.mcap"), "r.mcap")
     assert source.update_for(source.first(), 0.0)
 
 
-def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*given: object) -> None:
+def test_run_reports_device_failure_before_first_cycle(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*arguments: object) -> None:
         raise DeviceError("the robot said no")
 
     monkeypatch.setattr(Sampler, "take", fail)
@@ -133,7 +129,7 @@ def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
     assert output == "stopped\nrecord: r.mcap\nleft: retracted, 0.0 N\n"
 
 
-def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> None:
+def test_stopped_run_reports_cause_and_writes_outputs(hil: Command) -> None:
     Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
     code, output, errors = hil(*VIRTUAL, "c.toml", "--summary", "s.json", "--report", "rep")
     assert code == 3
@@ -143,9 +139,7 @@ def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> Non
     assert json.loads(Path("s.json").read_text())["text"].startswith("no contact found within 1 mm")
 
 
-def test_an_interruption_before_the_movement_ends_at_once(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interruption_before_movement_ends_at_once(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
@@ -157,7 +151,7 @@ def test_an_interruption_before_the_movement_ends_at_once(
 # --- Ctrl-C
 
 
-def test_ctrl_c_in_virtual_time_retracts_too(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_in_virtual_time_retracts(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     cycle = Notes._cycle
 
     def interrupt(self: Notes, record: CycleRecord) -> None:
@@ -176,7 +170,7 @@ def test_ctrl_c_in_virtual_time_retracts_too(hil: Command, monkeypatch: pytest.M
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_ctrl_c_before_the_movement_says_so(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_before_movement_is_reported(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     async def connecting(self: Run) -> None:
         signal.raise_signal(signal.SIGINT)
         await asyncio.Event().wait()

@@ -1,4 +1,4 @@
-"""Commands of the command line by entry point: those of a plug-in, and those whose package is missing or broken."""
+"""Commands from entry points: of a plug-in, and of a missing or broken package."""
 
 import sys
 from importlib.metadata import EntryPoints
@@ -12,16 +12,16 @@ from tests.command_line import Command, refused
 HELLO = 'import click\n\n@click.command()\ndef hello():\n    """Say hello."""\n    click.echo("hello")\n'
 
 
-def offer(place: Path, package: str, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a package offer commands."""
-    info = place / f"{package}-1.0.dist-info"
+def offer(folder: Path, package: str, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make a package provide commands."""
+    info = folder / f"{package}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[hil_bridge.commands]\n{points}\n")
-    monkeypatch.syspath_prepend(str(place))
+    monkeypatch.syspath_prepend(str(folder))
 
 
-def test_command_of_a_plugin_runs_and_is_in_the_help(
+def test_plugin_command_runs_and_is_in_help(
     hil: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "m_hello.py").write_text(HELLO)
@@ -47,7 +47,7 @@ def test_command_of_a_plugin_runs_and_is_in_the_help(
         ),
         ("other = m_needs_nothing:absent", "command 'other' of mine 1.0 cannot be loaded: AttributeError"),
         ("other = m_needs_nothing:NUMBER", "the command 'other' of mine 1.0 is of type int; it must be"),
-        ("run = m_needs_nothing:NUMBER", "command 'run' is offered by hil-bridge "),
+        ("run = m_needs_nothing:NUMBER", "command 'run' is provided by hil-bridge "),
     ],
 )
 def test_command_that_cannot_be_loaded_is_one_line(
@@ -63,9 +63,7 @@ def test_command_that_cannot_be_loaded_is_one_line(
     assert f"\n  {name} " in output
 
 
-def test_command_of_ours_not_installed_names_the_remedy(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_built_in_command_reports_remedy(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hil_bridge.cli.entry_points, "offered", lambda: EntryPoints(()))
     assert "the command 'tune' is not installed; install hil-bridge again: pip install " in refused(
         hil("tune")
@@ -73,7 +71,7 @@ def test_command_of_ours_not_installed_names_the_remedy(
     assert "No such command 'nothing'" in refused(hil("nothing"))
 
 
-def test_missing_module_of_a_device_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_device_module_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hil_bridge.devices.robots.egm.room", None)
     assert (
         "cannot be loaded: the module hil_bridge.devices.robots.egm.room is missing; install it: pip install "
@@ -81,9 +79,7 @@ def test_missing_module_of_a_device_is_one_line(hil: Command, monkeypatch: pytes
     )
 
 
-def test_missing_subcommand_leaves_the_help_of_its_group(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_subcommand_keeps_help_of_group(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hil_bridge.device_commands.s3.commands", None)
     assert "command 'computer-link' of hil-bridge " in refused(hil("decode", "computer-link", "10"))
     code, output, _ = hil("decode", "--help")

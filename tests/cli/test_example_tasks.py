@@ -22,7 +22,7 @@ Recorded: TypeAlias = Callable[..., Path]
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    """The recording of an example that ran to its end on the emulated cell."""
+    """Return the recording of an example that was completed on the emulated cell."""
     folder = tmp_path_factory.mktemp("examples")
 
     def record(name: str, robot: str = "s3") -> Path:
@@ -39,12 +39,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record
 
 
-def test_there_are_three_examples() -> None:
+def test_example_tasks_are_three() -> None:
     assert sorted(path.stem for path in FOLDER.glob("*.toml")) == sorted(NAMES)
 
 
 @pytest.mark.parametrize(("name", "robot"), [*((name, "s3") for name in NAMES), ("deburr-edge", "egm")])
-def test_an_example_meets_its_criteria(recorded: Recorded, name: str, robot: str) -> None:
+def test_example_task_meets_its_criteria(recorded: Recorded, name: str, robot: str) -> None:
     record = read(recorded(name, robot))
     assert record.end["outcome"] == "completed"
     assert all(step.passed for step in record.steps)
@@ -55,8 +55,8 @@ def test_an_example_meets_its_criteria(recorded: Recorded, name: str, robot: str
 
 
 @pytest.mark.full
-def test_the_dome_is_polished_until_enough_is_gone(recorded: Recorded) -> None:
-    """Neither at once nor with all passes."""
+def test_example_dome_is_polished_to_target_removal(recorded: Recorded) -> None:
+    """The step is completed after more than one pass, and before the last one."""
     steps = read(recorded("polish-dome")).steps
     passes = sum(step.label.startswith("1.4 (track") for step in steps)
     assert 2 <= passes <= 3
@@ -64,11 +64,11 @@ def test_the_dome_is_polished_until_enough_is_gone(recorded: Recorded) -> None:
     assert 0.15 <= float(steps[-1].text.split()[0]) < 0.3
 
 
-def test_the_face_of_the_step_is_found_and_pressed(recorded: Recorded) -> None:
-    """It stands 12 mm from the start and gives way by 0.2 mm for each newton."""
+def test_example_step_face_is_detected_and_pressed(recorded: Recorded) -> None:
+    """The face is 12 mm from the start and yields by 0.2 mm per newton."""
     record = read(recorded("deburr-edge"))
-    (found,) = [step.found for step in record.steps if step.name == "face"]
-    assert found[1] == pytest.approx(0.0125, abs=0.4e-3)
+    (result,) = [step.found for step in record.steps if step.name == "face"]
+    assert result[1] == pytest.approx(0.0125, abs=0.4e-3)
     stroke = [cycle for cycle in record.cycles if cycle.step == 3]
     second_half = stroke[len(stroke) // 2 :]
     pressed = sum(cycle.sample.position[1] for cycle in second_half) / len(second_half) - 0.012
@@ -76,8 +76,8 @@ def test_the_face_of_the_step_is_found_and_pressed(recorded: Recorded) -> None:
 
 
 @pytest.mark.full
-def test_the_flat_tool_lies_down_on_the_panel(recorded: Recorded) -> None:
-    """It stood 3° askew, and an S3 turns in steps of a fifth of a degree."""
+def test_example_flat_tool_aligns_with_panel(recorded: Recorded) -> None:
+    """The tool was tilted by 3°, and an S3 rotates in steps of a fifth of a degree."""
     record = read(recorded("press-and-feel"))
     names = [step.name for step in record.steps if step.name]
     assert names == ["near left", "near right", "pressed near right", "far"]
@@ -90,13 +90,13 @@ def test_the_flat_tool_lies_down_on_the_panel(recorded: Recorded) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_example_is_replayed_identically(recorded: Recorded, hil: Command, name: str) -> None:
+def test_example_task_replay_is_identical(recorded: Recorded, hil: Command, name: str) -> None:
     code, output, _ = hil("replay", recorded(name))
     assert (code, output.strip().rpartition(", ")[2]) == (0, "every command identical")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_example_is_shown(hil: Command, tmp_path: Path, name: str) -> None:
+def test_example_task_is_displayed(hil: Command, tmp_path: Path, name: str) -> None:
     picture = tmp_path / "picture.png"
     code, output, _ = hil("config", "program", FOLDER / f"{name}.toml", "--output", picture)
     assert code == 0

@@ -1,4 +1,4 @@
-"""The command for an extra works for the installation that tells it."""
+"""The printed install command of an extra works for the present installation."""
 
 import ast
 from importlib.util import find_spec
@@ -15,21 +15,21 @@ PACKAGES = [Path(str(find_spec(name).submodule_search_locations[0])) for name in
 
 
 @pytest.mark.parametrize("origin", [None, [], {"url": 3}, {"url": "https://h/x.whl", "archive_info": {}}])
-def test_a_package_from_an_index_is_named(origin: object) -> None:
+def test_install_command_names_package_from_index(origin: object) -> None:
     assert requirement(origin, "web") == "'hil-bridge[web]'"
 
 
 @pytest.mark.parametrize(("editable", "flag"), [(True, "-e "), (False, "")])
-def test_a_checkout_is_named_by_its_folder(tmp_path: Path, editable: bool, flag: str) -> None:
-    place = tmp_path / "my checkout"
-    place.mkdir()
-    origin = {"url": place.as_uri(), "dir_info": {"editable": editable}}
-    assert requirement(origin, "web") == "'hil-bridge[web]'", "the folder is gone"
-    (place / "pyproject.toml").touch()
-    assert requirement(origin, "web") == f"{flag}'{place}[web]'"
+def test_install_command_names_folder_of_checkout(tmp_path: Path, editable: bool, flag: str) -> None:
+    folder = tmp_path / "my checkout"
+    folder.mkdir()
+    origin = {"url": folder.as_uri(), "dir_info": {"editable": editable}}
+    assert requirement(origin, "web") == "'hil-bridge[web]'", "the folder no longer exists"
+    (folder / "pyproject.toml").touch()
+    assert requirement(origin, "web") == f"{flag}'{folder}[web]'"
 
 
-def test_the_command_is_one_of_pip() -> None:
+def test_install_command_is_valid_for_pip() -> None:
     assert install_command("tune").startswith("pip install ")
     assert "[tune]" in install_command("tune")
 
@@ -37,7 +37,7 @@ def test_the_command_is_one_of_pip() -> None:
 @pytest.mark.parametrize(
     ("command", "extra"), [("export", "mdf"), ("report", "figures"), ("campaign hunt", "tune")]
 )
-def test_help_tells_the_command_of_this_installation(
+def test_help_contains_install_command(
     command: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "pyproject.toml").touch()
@@ -48,9 +48,9 @@ def test_help_tells_the_command_of_this_installation(
 
 
 @pytest.mark.full
-def test_no_message_writes_the_command_by_itself() -> None:
-    """Only the text of a module or class may show one, for the pages: no help of a command, and no error."""
-    found = []
+def test_messages_use_common_install_command() -> None:
+    """Only docstrings of modules and classes may contain one, for the pages; help texts and errors may not."""
+    mentions = []
     for path in (path for package in PACKAGES for path in package.rglob("*.py")):
         tree = ast.parse(path.read_text())
         texts = [
@@ -59,10 +59,10 @@ def test_no_message_writes_the_command_by_itself() -> None:
             if isinstance(node, (ast.Module, ast.ClassDef)) and node.body
         ]
         modules = {id(text.value) for text in texts if isinstance(text, ast.Expr)}
-        found += [
+        mentions += [
             f"{path}:{node.lineno}"
             for node in ast.walk(tree)
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in modules
             if "hil-bridge[" in node.value
         ]
-    assert found == []
+    assert mentions == []

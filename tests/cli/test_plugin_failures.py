@@ -1,4 +1,4 @@
-"""Plug-in code that fails: each run ends as the guard ends it, names package and place, and is recorded."""
+"""Failing plug-in code: each run ends as by the guard, names package and location, and is recorded."""
 
 import sys
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ PACKAGE = "failing-toys 2.0, failing_toys.py:"
 
 @pytest.fixture
 def fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
-    """Failing toys, as an installed package offers them. The tests choose the part that fails."""
+    """Install the failing toys as a package. The tests select the part that fails."""
     info = tmp_path / "failing_toys-2.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: failing-toys\nVersion: 2.0\n")
@@ -58,8 +58,8 @@ def fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str,
     (tmp_path / "failing_toys.py").write_text(source, encoding="utf-8")
     (tmp_path / "site.toml").write_text(SITE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    for place in (*(EXAMPLES / toy for toy in TOYS), tmp_path):
-        monkeypatch.syspath_prepend(str(place))
+    for folder in (*(EXAMPLES / toy for toy in TOYS), tmp_path):
+        monkeypatch.syspath_prepend(str(folder))
     import failing_toys
 
     yield failing_toys.FAILS
@@ -68,16 +68,16 @@ def fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str,
         del sys.modules[name]
 
 
-def told(
+def run_command(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *options: str
 ) -> tuple[int, str]:
-    """Exit code of a run by the command line, and all that it said."""
+    """Return exit code and output of a run by the command line."""
     monkeypatch.setattr(sys, "argv", ["hil-bridge", "run", "site.toml", "--virtual", "--no-view", *options])
     ended: list[Any] = []
     monkeypatch.setattr("hil_bridge.cli.leave", ended.append)
     main()
-    out = capsys.readouterr()
-    return int(ended[0] or 0), out.err + out.out
+    captured = capsys.readouterr()
+    return int(ended[0] or 0), captured.err + captured.out
 
 
 CASES = [
@@ -88,20 +88,20 @@ CASES = [
         "law",
         "nothing",
         40,
-        "controller failing failed: TypeError: step answers NoneType, not a state",
+        "controller failing failed: TypeError: step returned NoneType, not a state",
         "retracted",
     ),
     ("law", "nan", 40, "controller failing failed: it commands nan m (", "retracted"),
-    ("law", "own", 40, "controller failing failed: OfItsOwn: all is over (", "retracted"),
+    ("law", "own", 40, "controller failing failed: PluginExit: unrecoverable (", "retracted"),
     ("law", "generator", 40, "controller failing failed: GeneratorExit (", "retracted"),
     ("law", "cancelled", 40, "controller failing failed: CancelledError (", "retracted"),
-    ("arm-client", "own", 600, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", "NOT"),
+    ("arm-client", "own", 600, "robot link udp+memory:toyarm stopped: PluginExit: unrecoverable (", "NOT"),
     ("load-client", "generator", 1300, "force sensor udp+memory:toyload stopped: GeneratorExit (", "NOT"),
-    ("link", "own", 100, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", "NOT"),
+    ("link", "own", 100, "robot link udp+memory:toyarm stopped: PluginExit: unrecoverable (", "NOT"),
     ("link", "generator", 100, "robot link udp+memory:toyarm stopped: GeneratorExit (", "NOT"),
     ("link", "cancelled", 100, "robot link udp+memory:toyarm stopped: CancelledError (", "NOT"),
-    ("arm", "own", 600, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
-    ("spring", "own", 200, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
+    ("arm", "own", 600, "the emulated cell failed: PluginExit: unrecoverable (", "NOT"),
+    ("spring", "own", 200, "the emulated cell failed: PluginExit: unrecoverable (", "NOT"),
     ("spring", "cancelled", 200, "the emulated cell failed: CancelledError (", "NOT"),
     ("arm-client", "raise", 600, "robot link udp+memory:toyarm stopped: ValueError: it is broken (", "NOT"),
     ("arm-client", "exit", 600, "robot link udp+memory:toyarm stopped: SystemExit: 0 (", "NOT"),
@@ -118,19 +118,25 @@ CASES = [
         "spring",
         "nan",
         200,
-        "the emulated cell failed: WrongForce: the surface answers [nan, nan, nan] N",
+        "the emulated cell failed: InvalidForce: the surface returned [nan, nan, nan] N",
         "NOT",
     ),
-    ("spring", "nothing", 200, "the emulated cell failed: WrongForce: the surface answers NoneType", "NOT"),
-    ("spring", "shape", 200, "the emulated cell failed: WrongForce: the surface answers shape (", "NOT"),
+    (
+        "spring",
+        "nothing",
+        200,
+        "the emulated cell failed: InvalidForce: the surface returned NoneType",
+        "NOT",
+    ),
+    ("spring", "shape", 200, "the emulated cell failed: InvalidForce: the surface returned shape (", "NOT"),
 ]
 
 
-@pytest.mark.parametrize(("part", "how", "after", "cause", "left"), CASES)
-def test_a_failure_ends_the_run_and_stands_in_the_record(
-    fails: dict[str, Any], part: str, how: str, after: int, cause: str, left: str
+@pytest.mark.parametrize(("part", "failure", "after", "cause", "left"), CASES)
+def test_plugin_failure_ends_run_and_is_recorded(
+    fails: dict[str, Any], part: str, failure: str, after: int, cause: str, left: str
 ) -> None:
-    fails.update(part=part, how=how, after=after)
+    fails.update(part=part, how=failure, after=after)
     result = hil_bridge.simulate("site.toml", seed=7)
     assert result.outcome == "stopped"
     assert result.text.startswith(cause)
@@ -139,20 +145,20 @@ def test_a_failure_ends_the_run_and_stands_in_the_record(
     assert PACKAGE in result.text
     assert "\n" not in result.text
     assert result.left.startswith(left)
-    if left == "NOT":  # nothing is said to be so that cannot be known any more
+    if left == "NOT":  # the text states nothing that is no longer known
         assert "unknown" in result.left
     assert max(result.arrays.truths.force[:, 2]) < 15.0
     traces = tracebacks(result.recording)
-    assert bool(traces) == (how != "nan" or part == "spring")
+    assert bool(traces) == (failure != "nan" or part == "spring")
     assert all(text.startswith("Traceback") for text in traces)
     assert PACKAGE in why(result.recording)
 
 
 ENDS = [
-    ("law", "own", 40, 3, "controller failing failed: OfItsOwn: all is over (", "left: retracted, "),
+    ("law", "own", 40, 3, "controller failing failed: PluginExit: unrecoverable (", "left: retracted, "),
     ("law", "callback", 40, 3, "plug-in code ended the run: SystemExit: 1 (", "left: retracted, "),
     ("law", "cancels", 40, 3, "the run was cancelled", "left: retracted, "),
-    ("link", "own", 1, 3, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", ""),
+    ("link", "own", 1, 3, "robot link udp+memory:toyarm stopped: PluginExit: unrecoverable (", ""),
     ("link", "callback", 1, 3, "plug-in code ended the run: SystemExit: 1 (", ""),
     ("link", "cancels", 1, 3, "the run was cancelled before the movement began", ""),
     ("link", "generator", 20, 3, "robot link udp+memory:toyarm stopped: GeneratorExit (", "left: "),
@@ -161,28 +167,28 @@ ENDS = [
         "own",
         1,
         3,
-        "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (",
+        "robot link udp+memory:toyarm stopped: PluginExit: unrecoverable (",
         "left: retr",
     ),
-    ("connect", "own", 1, 2, "plug-in code failed: OfItsOwn: all is over (", ""),
+    ("connect", "own", 1, 2, "plug-in code failed: PluginExit: unrecoverable (", ""),
     ("make", "generator", 1, 2, "plug-in code failed: GeneratorExit (", ""),
 ]
 
 
-@pytest.mark.parametrize(("part", "how", "after", "code", "cause", "left"), ENDS)
-def test_the_command_ends_in_order_whatever_is_raised(
+@pytest.mark.parametrize(("part", "failure", "after", "code", "cause", "left"), ENDS)
+def test_plugin_exception_ends_command_in_order(
     fails: dict[str, Any],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     part: str,
-    how: str,
+    failure: str,
     after: int,
     code: int,
     cause: str,
     left: str,
 ) -> None:
-    fails.update(part=part, how=how, after=after)
-    ended, text = told(monkeypatch, capsys, "--no-record")
+    fails.update(part=part, how=failure, after=after)
+    ended, text = run_command(monkeypatch, capsys, "--no-record")
     assert ended == code, text
     assert cause in text.splitlines()[0]
     assert "Traceback" not in text
@@ -193,12 +199,12 @@ ARM = "hil-bridge: stopped: robot link udp+memory:toyarm stopped: "
 BEFORE = "hil-bridge: robot link udp+memory:toyarm stopped: "
 OTHERS = "hil-bridge: plug-in code failed: "
 ATTACKS = [
-    ("connect", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a robot link", ""),
-    ("connect-load", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a wire and", ""),
+    ("connect", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect returns NoneType, not a robot link", ""),
+    ("connect-load", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect returns NoneType, not a wire and", ""),
     ("Law.__init__", "raise", 1, 2, "hil-bridge: controller failing: it is broken (", ""),
     ("Arm.__init__", "raise", 1, 2, "hil-bridge: cell: it is broken (", ""),
-    ("Link.ready", "nothing", 1, 3, f"{BEFORE}WrongAnswer: ready answers NoneType, not a RobotReport (", ""),
-    ("Link.report", "nan", 100, 3, f"{ARM}WrongAnswer: report answers float, not a RobotReport (", "left: "),
+    ("Link.ready", "nothing", 1, 3, f"{BEFORE}WrongAnswer: ready returns NoneType, not a RobotReport (", ""),
+    ("Link.report", "nan", 100, 3, f"{ARM}WrongAnswer: report returns float, not a RobotReport (", "left: "),
     ("Link.enter", "group", 1, 3, f"{ARM}BaseExceptionGroup: two at once (2 sub-exceptions) (", ""),
     ("Link.leave", "keyboard", 1, 3, f"{ARM}KeyboardInterrupt (", "left: retracted, "),
     (
@@ -206,7 +212,7 @@ ATTACKS = [
         "nothing",
         40,
         3,
-        f"{ARM}WrongAnswer: to answers NoneType, not a Sent (",
+        f"{ARM}WrongAnswer: to returns NoneType, not a Sent (",
         "left: NOT retracted",
     ),
     (
@@ -246,20 +252,20 @@ ATTACKS = [
 ]
 
 
-@pytest.mark.parametrize(("part", "how", "after", "code", "cause", "left"), ATTACKS)
-def test_a_wrong_answer_and_a_failing_method_name_their_package(
+@pytest.mark.parametrize(("part", "failure", "after", "code", "cause", "left"), ATTACKS)
+def test_plugin_invalid_return_value_names_package(
     fails: dict[str, Any],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     part: str,
-    how: str,
+    failure: str,
     after: int,
     code: int,
     cause: str,
     left: str,
 ) -> None:
-    fails.update(part=part, how=how, after=after)
-    ended, text = told(monkeypatch, capsys, "--no-record")
+    fails.update(part=part, how=failure, after=after)
+    ended, text = run_command(monkeypatch, capsys, "--no-record")
     assert ended == code, text
     assert cause in text.splitlines()[0]
     assert "failing-toys 2.0" in text.splitlines()[0]
@@ -268,41 +274,41 @@ def test_a_wrong_answer_and_a_failing_method_name_their_package(
     assert text.splitlines()[-1].startswith(left), text
 
 
-def test_nothing_fails_where_nothing_is_to_fail(fails: dict[str, Any]) -> None:
+def test_plugin_without_failure_completes(fails: dict[str, Any]) -> None:
     result = hil_bridge.simulate("site.toml", seed=7)
     assert result.outcome == "completed", result.text
     assert not tracebacks(result.recording)
 
 
-def test_the_command_tells_one_line_and_the_traceback_when_asked(
+def test_plugin_failure_prints_traceback_on_request(
     fails: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fails.update(part="law", how="raise", after=40)
-    code, said = told(monkeypatch, capsys)
+    code, output = run_command(monkeypatch, capsys)
     assert code == 3
-    (line,) = [line for line in said.splitlines() if "broken" in line]
+    (line,) = [line for line in output.splitlines() if "broken" in line]
     assert line.startswith("hil-bridge: stopped: controller failing failed: ValueError: it is broken (")
     assert line.endswith("); --debug shows the traceback")
     fails.update(after=0)
-    code, said = told(monkeypatch, capsys, "--debug")
+    code, output = run_command(monkeypatch, capsys, "--debug")
     assert code == 3
-    assert "Traceback (most recent call last)" in said
-    assert 'raise RAISES[FAILS["how"]]' in said
+    assert "Traceback (most recent call last)" in output
+    assert 'raise RAISES[FAILS["how"]]' in output
 
 
 @pytest.mark.parametrize("part", ["connect", "make"])
-@pytest.mark.parametrize("how", ["raise", "exit"])
-def test_a_failure_before_the_run_is_one_line_and_exit_code_2(
+@pytest.mark.parametrize("failure", ["raise", "exit"])
+def test_plugin_failure_before_run_exits_with_code_2(
     fails: dict[str, Any],
     part: str,
-    how: str,
+    failure: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    fails.update(part=part, how=how)
-    code, said = told(monkeypatch, capsys)
+    fails.update(part=part, how=failure)
+    code, output = run_command(monkeypatch, capsys)
     assert code == 2
-    (line,) = [line for line in said.splitlines() if line.startswith("hil-bridge:")]
+    (line,) = [line for line in output.splitlines() if line.startswith("hil-bridge:")]
     assert line.startswith("hil-bridge: plug-in code failed: ")
     assert PACKAGE in line
-    assert "Traceback" not in said
+    assert "Traceback" not in output

@@ -1,4 +1,4 @@
-"""`hil-bridge list plugins` tells each fault of a package in one plain line, with package and place."""
+"""`hil-bridge list plugins` reports each fault of a package in one line, with package and location."""
 
 from pathlib import Path
 
@@ -69,11 +69,11 @@ CASES = {
         "cannot be loaded: OSError: a (mine 1.0, ",
     ),
     "no such": ("controllers", "mine", ":D", LAW, "has no attribute 'D'"),
-    "no object": ("controllers", "mine", ":C:D", LAW, "names no object; give it as module:object"),
-    "type": ("controllers", "mine", ":C", "def C(): pass", ":C is no dataclass"),
+    "no object": ("controllers", "mine", ":C:D", LAW, "is not an object reference; use module:object"),
+    "type": ("controllers", "mine", ":C", "def C(): pass", ":C is not a dataclass"),
     "no step": ("controllers", "mine", ":C", law("def step", "def stepp"), "has no method step"),
-    "name": ("controllers", "mine", ":C", law('"mine"', '"yours"'), "must bear that as its attribute `name`"),
-    "built in": ("controllers", "pi", ":C", LAW, "is built in, but mine 1.0 offers one of that name, too"),
+    "name": ("controllers", "mine", ":C", law('"mine"', '"yours"'), "must have that as its attribute `name`"),
+    "built in": ("controllers", "pi", ":C", LAW, "is built in, but mine 1.0 also provides one of that name"),
     "nan": ("controllers", "mine", ":C", law("1e-5", "float('nan')"), "its parameter gain is nan by default"),
     "making": (
         "controllers",
@@ -94,7 +94,7 @@ CASES = {
         "mine",
         ":C",
         law("def step", "async def step"),
-        "its step answers coroutine, not a state",
+        "its step returned coroutine, not a state",
     ),
     "command": (
         "controllers",
@@ -164,57 +164,55 @@ CASES = {
 }
 
 
-def listed(place: Path, package: str, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    info = place / f"{package}-1.0.dist-info"
+def list_plugins(folder: Path, package: str, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = folder / f"{package}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(points)
-    monkeypatch.syspath_prepend(str(place))
+    monkeypatch.syspath_prepend(str(folder))
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_fault_is_one_line_that_names_the_package(
-    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    group, name, source, text, words = CASES[case]
+def test_list_plugins_fault_names_package(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    group, name, source, text, message = CASES[case]
     module = f"m_{case.replace(' ', '_')}"
     (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
-    listed(tmp_path, "mine", f"[hil_bridge.{group}]\n{name} = {module}{source}\n", monkeypatch)
-    told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
-    assert told.exit_code == 2
-    (line,) = told.output.splitlines()
+    list_plugins(tmp_path, "mine", f"[hil_bridge.{group}]\n{name} = {module}{source}\n", monkeypatch)
+    result = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
+    assert result.exit_code == 2
+    (line,) = result.output.splitlines()
     assert line.startswith(f"{group[:-1]}  {name}  mine 1.0  WRONG: ")
-    assert words in line
+    assert message in line
 
 
-def test_a_name_that_two_packages_offer_is_told_with_both(
+def test_list_plugins_duplicate_name_lists_both_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "m_twice.py").write_text(LAW, encoding="utf-8")
     for package in ("mine", "yours"):
-        listed(tmp_path, package, "[hil_bridge.controllers]\nmine = m_twice:C\n", monkeypatch)
-    told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
-    assert told.exit_code == 2
-    lines = told.output.splitlines()
+        list_plugins(tmp_path, package, "[hil_bridge.controllers]\nmine = m_twice:C\n", monkeypatch)
+    result = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
+    assert result.exit_code == 2
+    lines = result.output.splitlines()
     assert len(lines) == 2
     assert all(
-        "controller 'mine' is offered by mine 1.0 and by yours 1.0; uninstall one" in line for line in lines
+        "controller 'mine' is provided by mine 1.0 and by yours 1.0; uninstall one" in line for line in lines
     )
 
 
-def test_a_parameter_that_must_be_given_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_list_plugins_accepts_required_parameter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "m_given.py").write_text(law(" = 1e-5", ""), encoding="utf-8")
-    listed(tmp_path, "mine", "[hil_bridge.controllers]\nmine = m_given:C\n", monkeypatch)
-    told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
-    assert (told.exit_code, told.output) == (0, "controller  mine  mine 1.0  A law.\n")
+    list_plugins(tmp_path, "mine", "[hil_bridge.controllers]\nmine = m_given:C\n", monkeypatch)
+    result = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
+    assert (result.exit_code, result.output) == (0, "controller  mine  mine 1.0  A law.\n")
 
 
-def test_commands_of_a_plugin_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_list_plugins_shows_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = "[hil_bridge.commands]\nmine = mine:greet\n[hil_bridge.commands.list]\nlost = mine:absent\n"
     (tmp_path / "mine.py").write_text(
         "import click\n\n@click.command(short_help='Greet a robot.')\ndef greet(): pass\n"
     )
-    listed(tmp_path, "mine", points, monkeypatch)
+    list_plugins(tmp_path, "mine", points, monkeypatch)
     result = CliRunner().invoke(cli, ["list", "plugins"])
     assert result.exit_code == 2
     assert "command       mine  mine 1.0  Greet a robot." in result.output

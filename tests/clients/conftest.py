@@ -1,7 +1,7 @@
-"""Clients that other people wrote, each in an environment and a process of its own: see `tools.client_environments`.
+"""Third-party clients, each in a separate environment and process: see `tools.client_environments`.
 
-A test asks `client_python` for the interpreter of an environment that has the package. Where the package cannot be had,
-the test is skipped and says so.
+A test asks `client_python` for the interpreter of an environment with the package. If the package is not available, the
+test is skipped with a message.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from tools.client_environments import ClientMissing, interpreter
 
 @pytest.fixture(scope="session")
 def client_python() -> Callable[..., Path]:
-    """`interpreter`, for a test."""
+    """Return `interpreter` for a test."""
 
     def python_with(*requirements: str) -> Path:
         try:

@@ -1,6 +1,6 @@
-"""A small client of a robot over RTDE, and its mistakes: `python rtde_clients.py MISTAKE`, told where by hil-bridge.
+"""Small RTDE client with deliberate mistakes: `python rtde_clients.py MISTAKE`; hil-bridge passes the address.
 
-It brings our own program to the robot, and sends poses that go down and up again.
+It loads our own program onto the robot, and sends poses that go down and up again.
 """
 
 import math
@@ -28,9 +28,9 @@ def connected(name):
 
 
 def answer(wire, reader):
-    while (found := reader.next_packet()) is None:
+    while (result := reader.next_packet()) is None:
         reader.feed(wire.recv(4096))
-    return found
+    return result
 
 
 def main():

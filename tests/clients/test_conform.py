@@ -1,4 +1,4 @@
-"""`hil-bridge conform` with clients in processes of their own: ur_rtde unmodified, and clients with mistakes."""
+"""Tests of `hil-bridge conform` with clients in separate processes: unmodified ur_rtde, and clients with mistakes."""
 
 import json
 import os
@@ -36,22 +36,22 @@ def conform(*arguments: str) -> "subprocess.Popen[str]":
 
 
 def judged(tmp_path: Path, *arguments: str) -> tuple[int, dict[str, Any], str]:
-    """Exit code, scenarios by name, standard output."""
+    """Return exit code, scenarios by name, and standard output."""
     place = tmp_path / "verdicts.json"
     process = conform("--json", str(place), *arguments)
     output, errors = process.communicate(timeout=PATIENCE_S)
     assert place.exists(), errors
-    found = json.loads(place.read_text(encoding="utf-8"))
-    return process.returncode, {one["name"]: one for one in found["scenarios"]}, output
+    result = json.loads(place.read_text(encoding="utf-8"))
+    return process.returncode, {one["name"]: one for one in result["scenarios"]}, output
 
 
-def played(
+def play_trial(
     command: list[str], names: list[str], listen: str | None = None, **rules: Any
 ) -> dict[str, ScenarioResult[Any]]:
-    """The same in this process, which saves its start."""
+    """Return the same from this process, which saves its start."""
     config = load_config(None, {"robot.emulated": "rtde"})
-    asked = Rules(**{"after_s": 0.2, "watch_s": 0.8, "react_s": 0.3, "run_s": 0.6, "end_s": 0.5, **rules})
-    trial = RobotTrial(config, usual_port(config, listen, command), asked, lambda: ProcessClient(command))
+    requested = Rules(**{"after_s": 0.2, "watch_s": 0.8, "react_s": 0.3, "run_s": 0.6, "end_s": 0.5, **rules})
+    trial = RobotTrial(config, usual_port(config, listen, command), requested, lambda: ProcessClient(command))
     return {one.name: one for one in play_all(trial, choose_scenarios(trial, names), print)}
 
 
@@ -83,12 +83,12 @@ def test_ur_rtde_passes(client_python: Callable[..., Path]) -> None:
     rules = {"run_s": 8.0, "start_s": 5.0, "react_s": 1.0, "watch_s": 1.3, "end_s": 3.0}
     python = str(client_python(UR_RTDE))
     names = ["nominal", "late", "refused", "stopped", "cut"]
-    found = played([python, "-c", SERVO], names, listen="rtde+tcp-listen://127.0.0.31", **rules)
-    assert {name: (one.verdict.outcome.value, one.verdict.reason) for name, one in found.items()} == {
-        name: ("passed", one.verdict.reason) for name, one in found.items()
+    result = play_trial([python, "-c", SERVO], names, listen="rtde+tcp-listen://127.0.0.31", **rules)
+    assert {name: (one.verdict.outcome.value, one.verdict.reason) for name, one in result.items()} == {
+        name: ("passed", one.verdict.reason) for name, one in result.items()
     }
-    assert [*found] == names
-    nominal, stopped = found["nominal"].seen, found["stopped"].seen
+    assert [*result] == names
+    nominal, stopped = result["nominal"].seen, result["stopped"].seen
     assert 0.01 < nominal.moved_m < 0.022  # a busy machine leaves out some of the way
     # of packages that come within one cycle the program sees the last: a busy machine made 37 of 500
     assert 10 <= nominal.orders == nominal.taken <= 500
@@ -107,27 +107,27 @@ os._exit(0)
 """
 
 
-def test_ur_rtde_that_leaves_the_tool_moving_is_found(client_python: Callable[..., Path]) -> None:
+def test_ur_rtde_leaving_tool_moving_is_reported(client_python: Callable[..., Path]) -> None:
     python = str(client_python(UR_RTDE))
-    found = played(
+    result = play_trial(
         [python, "-c", RUNAWAY], ["nominal"], listen="rtde+tcp-listen://127.0.0.32", stand_s=0.5, start_s=10.0
     )
-    assert found["nominal"].verdict.outcome == "failed"
-    assert found["nominal"].verdict.reason.startswith("left the tool moving at ")
-    assert 0.004 < found["nominal"].seen.left_m_s < 0.012  # a busy machine looks at it rarely
+    assert result["nominal"].verdict.outcome == "failed"
+    assert result["nominal"].verdict.reason.startswith("left the tool moving at ")
+    assert 0.004 < result["nominal"].seen.left_m_s < 0.012  # a busy machine looks at it rarely
 
 
-def mistaken(mistake: str) -> list[str]:
+def command_with(mistake: str) -> list[str]:
     return [sys.executable, str(OURS), mistake]
 
 
-def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: Path) -> None:
+def test_client_sending_after_protective_stop_is_reported(tmp_path: Path) -> None:
     junit = tmp_path / "junit.xml"
     scenarios = ("--only", "nominal", "--only", "stopped", "--junit", str(junit))
-    code, found, output = judged(tmp_path, *scenarios, "--", *mistaken("stubborn"))
+    code, result, output = judged(tmp_path, *scenarios, "--", *command_with("stubborn"))
     assert code == 4
-    assert found["nominal"]["outcome"] == "passed", output
-    stopped = found["stopped"]
+    assert result["nominal"]["outcome"] == "passed", output
+    stopped = result["stopped"]
     assert stopped["outcome"] == "failed"
     assert "motion orders after the stop" in stopped["reason"]
     assert stopped["reason"] in output
@@ -139,7 +139,7 @@ def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("mistake", "words"),
+    ("mistake", "message"),
     [
         ("crash", "failed by itself: ended by itself after 0."),
         ("garbage", "sent unreadable data"),
@@ -147,45 +147,45 @@ def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: 
         ("leap", "of its orders leap, by up to 20"),
     ],
 )
-def test_a_mistake_is_named(mistake: str, words: str) -> None:
+def test_mistake_is_named(mistake: str, message: str) -> None:
     start_s = 3.0 if mistake == "garbage" else 10.0  # it is waited for to the end
     run_s = 3.0 if mistake in ("crash", "leap") else 0.6  # until it has made its mistake, which ends the run
-    (one,) = played(mistaken(mistake), ["nominal"], start_s=start_s, run_s=run_s).values()
+    (one,) = play_trial(command_with(mistake), ["nominal"], start_s=start_s, run_s=run_s).values()
     assert one.verdict.outcome == "failed"
-    assert words in one.verdict.reason
+    assert message in one.verdict.reason
     if mistake == "crash":
         assert "by SIGSEGV" in one.verdict.reason
     if mistake == "deaf":
         assert "this client does not want to end" in one.output
 
 
-def test_a_client_that_never_comes_fails_once_and_the_rest_is_skipped() -> None:
-    found = played(["sleep", "60"], [], start_s=0.3)
-    assert found["nominal"].verdict.reason == "never connected: nothing in 0.3 s"
-    assert [one.verdict.outcome for one in found.values()] == ["failed", *["skipped"] * 5]
+def test_absent_client_fails_once_and_skips_the_rest() -> None:
+    result = play_trial(["sleep", "60"], [], start_s=0.3)
+    assert result["nominal"].verdict.reason == "never connected: nothing in 0.3 s"
+    assert [one.verdict.outcome for one in result.values()] == ["failed", *["skipped"] * 5]
 
 
-def test_a_client_that_declares_to_come_back_and_does_not_is_found() -> None:
-    """Ours has no mind for it: the watchdog has stopped its program, and it does not bring it again."""
-    found = played(mistaken("none"), ["cut"], comes_back=True, cut_s=0.3, back_s=0.5)
-    assert found["cut"].verdict.outcome == "failed"
-    assert found["cut"].verdict.reason.startswith("did not reconnect within 0.5 s, as declared")
+def test_client_failing_to_reconnect_is_reported() -> None:
+    """Our client has no such logic: the watchdog stops its program, and it does not load it again."""
+    result = play_trial(command_with("none"), ["cut"], comes_back=True, cut_s=0.3, back_s=0.5)
+    assert result["cut"].verdict.outcome == "failed"
+    assert result["cut"].verdict.reason.startswith("did not reconnect within 0.5 s, as declared")
 
 
-def test_a_command_that_is_not_there_is_wrong_input() -> None:
+def test_missing_command_is_invalid_input() -> None:
     with pytest.raises(ConfigError, match=r"cannot start .*: No such file or directory"):
-        played(["./no-such-client"], ["nominal"])
+        play_trial(["./no-such-client"], ["nominal"])
 
 
-def test_ctrl_c_leaves_nothing_running(tmp_path: Path) -> None:
-    told = tmp_path / "pid"
-    script = f"sleep 61 & echo $! > {told}.new; mv {told}.new {told}; wait"
+def test_ctrl_c_ends_all_processes(tmp_path: Path) -> None:
+    reported = tmp_path / "pid"
+    script = f"sleep 61 & echo $! > {reported}.new; mv {reported}.new {reported}; wait"
     process = conform("--set", "start_s=30", "--", "sh", "-c", script)
     for _ in range(1000):
-        if told.exists():
+        if reported.exists():
             break
         time.sleep(0.01)
-    grandchild = int(told.read_text(encoding="ascii"))
+    grandchild = int(reported.read_text(encoding="ascii"))
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, errors

@@ -1,5 +1,5 @@
-"""A campaign on workers of a Dask scheduler, each in a process of its own: the same rows as on one machine, also when
-a worker is killed in the middle.
+"""Campaign on workers of a Dask scheduler, each in a separate process: the same rows as on one machine, even if a
+worker is killed.
 """
 
 import json
@@ -49,14 +49,14 @@ start_position_mm = [900.0, -100.0, 591.0]
 
 
 class Dask:
-    """Its programs, run in an environment that has it and reads this project beside it."""
+    """Programs of Dask, run in an environment that contains it and also reads this project."""
 
     def __init__(self, python: Path, folder: Path) -> None:
         self._python, self._folder = python, folder
         self._contact = folder / "scheduler.json"
 
     def start(self, *arguments: str, path: Path = ROOT) -> "subprocess.Popen[bytes]":
-        """`dask scheduler` or `dask worker`; `path` is the place of the project that it reads."""
+        """Start `dask scheduler` or `dask worker`; `path` is the location of the project that it reads."""
         rest = ["--scheduler-file", str(self._contact), "--host", "127.0.0.1", "--no-dashboard"]
         return subprocess.Popen(
             [self._python, "-m", "dask", *arguments, *rest],
@@ -67,7 +67,7 @@ class Dask:
         )
 
     def campaign(self, *arguments: str) -> "subprocess.Popen[str]":
-        """`hil-bridge campaign` in the same environment."""
+        """Run `hil-bridge campaign` in the same environment."""
         return subprocess.Popen(
             [self._python, "-m", "hil_bridge", "campaign", *arguments],
             env=self.environment(ROOT),
@@ -78,11 +78,11 @@ class Dask:
         )
 
     def environment(self, path: Path) -> dict[str, str]:
-        """Variables of the environment: this project and what it needs come from where the test runs."""
+        """Return variables of the environment: this project and its dependencies come from where the test runs."""
         return os.environ | {"PYTHONPATH": os.pathsep.join((str(path), sysconfig.get_path("purelib")))}
 
     def url(self) -> str:
-        """URL of the scheduler, once it has told its own."""
+        """URL of the scheduler, once it has printed it."""
         until("the scheduler listens", lambda: self._contact.exists() and self._contact.stat().st_size > 0)
         return str(json.loads(self._contact.read_text())["address"])
 
@@ -97,7 +97,7 @@ def until(what: str, holds: Callable[[], bool], seconds: float = 90.0) -> None:
 
 @contextmanager
 def ended(process: "subprocess.Popen[bytes]") -> Iterator["subprocess.Popen[bytes]"]:
-    """The process, which is ended behind the test."""
+    """Yield the process, and end it after the test."""
     try:
         yield process
     finally:
@@ -111,7 +111,7 @@ def dask(client_python: Callable[..., Path], tmp_path: Path) -> Dask:
 
 
 def rows(place: Path) -> dict[str, object]:
-    """The kept results of each run, by its key."""
+    """Return the stored results of each run, by its key."""
     try:
         with Store.open(place) as store:
             return {
@@ -122,7 +122,7 @@ def rows(place: Path) -> dict[str, object]:
 
 
 @pytest.mark.timeout(240)
-def test_rows_are_those_of_one_machine_and_a_killed_worker_loses_nothing(dask: Dask, tmp_path: Path) -> None:
+def test_killed_worker_loses_no_rows(dask: Dask, tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
     study.write_text(STUDY)
     with ExitStack() as stack:
@@ -151,7 +151,7 @@ def test_rows_are_those_of_one_machine_and_a_killed_worker_loses_nothing(dask: D
 
 
 @pytest.mark.timeout(120)
-def test_worker_with_other_code_is_refused_in_one_line(dask: Dask, tmp_path: Path) -> None:
+def test_worker_with_other_code_is_refused(dask: Dask, tmp_path: Path) -> None:
     study, other = tmp_path / "study.toml", tmp_path / "other"
     study.write_text(STUDY)
     other.mkdir()
@@ -165,14 +165,14 @@ def test_worker_with_other_code_is_refused_in_one_line(dask: Dask, tmp_path: Pat
             process = dask.campaign(str(study), "--scheduler", url)
             output, _ = process.communicate(timeout=90)
     assert process.returncode == 3, output
-    told = [line for line in output.splitlines() if line.startswith("hil-bridge: ")]
-    assert len(told) == 1, output
-    assert "a worker has hil-bridge" in told[0]
+    reported = [line for line in output.splitlines() if line.startswith("hil-bridge: ")]
+    assert len(reported) == 1, output
+    assert "a worker has hil-bridge" in reported[0]
     assert "Traceback" not in output
     assert rows(tmp_path / "study.sqlite") == {}
 
 
-def test_without_the_package_or_a_scheduler_one_line_says_so(tmp_path: Path) -> None:
+def test_missing_package_or_scheduler_is_reported(tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
     study.write_text(STUDY)
     process = subprocess.run(

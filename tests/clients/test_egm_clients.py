@@ -1,4 +1,4 @@
-"""Clients of EGM by other people, unmodified, against the emulated robot in another process, in real time."""
+"""Unmodified third-party EGM clients with the emulated robot in another process, in real time."""
 
 import json
 import socket
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.live
 Python = Callable[..., Path]
 PATIENCE_S = 60
 SPEED_MM_S = 5.0
-"""Speed of the way that the clients stream."""
+"""Speed along the path that the clients stream."""
 
 STREAM = """
 import json, sys, time
@@ -108,7 +108,7 @@ def free_port() -> int:
 
 @contextmanager
 def emulated_robot(port: int, settings: str, place: Path, options: str = "") -> Iterator[str]:
-    """An emulated robot in another process, which sends to this port; options of its URL as they are served."""
+    """Emulate a robot in another process that sends to this port; yield the options of its URL."""
     config = place / "robot.toml"
     config.write_text(f"[cell.egm]\n{settings}\n")
     url = f"egm+udp://127.0.0.1:{port}{options}"
@@ -136,59 +136,59 @@ def emulated_robot(port: int, settings: str, place: Path, options: str = "") -> 
 
 
 def figures(python: Path, program: str, place: Path, cycles: int, settings: str = "") -> Any:
-    """Figures of a client's stream, from a process of its own."""
+    """Return figures of a client's stream, from a separate process."""
     port = free_port()
     with emulated_robot(port, settings, place):
-        told = subprocess.run(
+        reported = subprocess.run(
             [python, "-c", STREAM + program, str(port), str(cycles), str(SPEED_MM_S)],
             capture_output=True,
             text=True,
             check=False,
             timeout=PATIENCE_S,
         )
-    assert told.returncode == 0, told.stderr
-    return json.loads(told.stdout)
+    assert reported.returncode == 0, reported.stderr
+    return json.loads(reported.stdout)
 
 
-def check_stream(found: Any, cycles: int) -> None:
-    """The path follows the command within the model's lag, and silence ends in the robot's time-out."""
-    assert found["first"]["joints"] == 6
-    assert found["answered"] == cycles
-    assert found["moved"] == {"motors": True, "rapid": True, "mci": 3}
-    settled = found["behind_mm"][400:]  # the ramp of half a second is over, and caught up with
+def check_stream(report: Any, cycles: int) -> None:
+    """Check that the path follows the command within the model's lag, and that silence ends in the robot's timeout."""
+    assert report["first"]["joints"] == 6
+    assert report["answered"] == cycles
+    assert report["moved"] == {"motors": True, "rapid": True, "mci": 3}
+    steady = report["behind_mm"][400:]  # the ramp of half a second is over, and caught up with
     # delay of controller and servo 24 ms, position loop 20 ms, and the answer's own cycle: 50 ms; doubled for a busy
     # machine
-    assert max(settled) < 2.0 * SPEED_MM_S * 0.05
-    assert found["silent_after_s"] == pytest.approx(1.0, abs=0.3)
-    assert found["last_mci"] == 1  # MCI_ERROR
-    beyond = found["left_mm"][0] - found["sent_mm"][0]
+    assert max(steady) < 2.0 * SPEED_MM_S * 0.05
+    assert report["silent_after_s"] == pytest.approx(1.0, abs=0.3)
+    assert report["last_mci"] == 1  # MCI_ERROR
+    beyond = report["left_mm"][0] - report["sent_mm"][0]
     assert (
         0.0 < beyond <= SPEED_MM_S / 5.0 + 0.05
     )  # the last speed stays in force, within the speed over the gain
 
 
-def test_abb_robot_egm_streams_poses_and_falls_silent(client_python: Python, tmp_path: Path) -> None:
-    found = figures(client_python("ABBRobotEGM==1.0.7"), FLO, tmp_path, 500)
-    assert found["first"]["seqno"] >= 0
-    check_stream(found, 500)
+def test_abb_robot_egm_streams_poses_then_stops(client_python: Python, tmp_path: Path) -> None:
+    result = figures(client_python("ABBRobotEGM==1.0.7"), FLO, tmp_path, 500)
+    assert result["first"]["seqno"] >= 0
+    check_stream(result, 500)
 
 
 def test_abb_robot_client_streams_poses_to_an_older_robot(client_python: Python, tmp_path: Path) -> None:
-    found = figures(client_python("abb_robot_client==0.4.0"), RPI, tmp_path, 500, 'rw = "6.10"')
-    check_stream(found, 500)
+    result = figures(client_python("abb_robot_client==0.4.0"), RPI, tmp_path, 500, 'rw = "6.10"')
+    check_stream(result, 500)
 
 
-def test_abb_robot_egm_guides_by_joints(client_python: Python, tmp_path: Path) -> None:
-    found = figures(client_python("ABBRobotEGM==1.0.7"), JOINTS, tmp_path, 500, 'mode = "joint"')
-    assert found["short_deg"] == pytest.approx([0.0] * 6, abs=0.02)  # two seconds, a time constant of 0.2 s
-    assert found["converged"]
+def test_abb_robot_egm_guides_joints(client_python: Python, tmp_path: Path) -> None:
+    result = figures(client_python("ABBRobotEGM==1.0.7"), JOINTS, tmp_path, 500, 'mode = "joint"')
+    assert result["short_deg"] == pytest.approx([0.0] * 6, abs=0.02)  # two seconds, a time constant of 0.2 s
+    assert result["converged"]
 
 
 def test_abb_robot_egm_corrects_a_path(client_python: Python, tmp_path: Path) -> None:
     settings = 'mode = "path"\nsample_ms = 48.0\npath_speed_mm_s = 10.0\npath_mm = [5.0, 0.0, 0.0]'
-    moved = figures(client_python("ABBRobotEGM==1.0.7"), PATH, tmp_path, 40, settings)
-    assert moved[1:] == pytest.approx([1.5, -0.5], abs=0.02)
-    assert 0.0 <= moved[0] <= 5.0
+    report = figures(client_python("ABBRobotEGM==1.0.7"), PATH, tmp_path, 40, settings)
+    assert report[1:] == pytest.approx([1.5, -0.5], abs=0.02)
+    assert 0.0 <= report[0] <= 5.0
 
 
 RWS = """
@@ -213,19 +213,19 @@ assert robot.get_execution_state().ctrlexecstate == "stopped"
 """
 
 
-def test_abb_robot_client_reads_the_web_services(client_python: Python, tmp_path: Path) -> None:
+def test_abb_robot_client_reads_web_services(client_python: Python, tmp_path: Path) -> None:
     python = client_python("abb_robot_client==0.4.0")
     with emulated_robot(free_port(), "", tmp_path, "?rws=127.0.0.1:0") as served:
-        told = subprocess.run(
+        reported = subprocess.run(
             [python, "-c", RWS, served.removeprefix("rws=")],
             capture_output=True,
             text=True,
             check=False,
             timeout=PATIENCE_S,
         )
-    assert told.returncode == 0, told.stderr
-    found = json.loads(told.stdout)
-    assert found["position_mm"] == pytest.approx([900.0, -100.0, 600.0], abs=0.01)
-    assert min(found["external"]) > 8e9
-    assert (found["execution"], found["motors"], found["mode"]) == ("running", "motoron", "AUTO")
-    assert (found["speed"], found["task"], found["signal"], found["joints"]) == (100.0, "star", 0, 6)
+    assert reported.returncode == 0, reported.stderr
+    result = json.loads(reported.stdout)
+    assert result["position_mm"] == pytest.approx([900.0, -100.0, 600.0], abs=0.01)
+    assert min(result["external"]) > 8e9
+    assert (result["execution"], result["motors"], result["mode"]) == ("running", "motoron", "AUTO")
+    assert (result["speed"], result["task"], result["signal"], result["joints"]) == (100.0, "star", 0, 6)

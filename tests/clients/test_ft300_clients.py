@@ -1,4 +1,4 @@
-"""A client of an FT 300 that other people wrote, unmodified, at the emulated sensor's pseudo-terminal."""
+"""Unmodified third-party client of an FT 300 at the emulated sensor's pseudo-terminal."""
 
 import json
 import subprocess
@@ -27,7 +27,7 @@ vibration_n = 0.0
 motion_n = 0.0
 """
 FZ = 0.5 * 9.80665 - 2.0 * 5.0
-"""Weight of the tool below the sensor, less the push of 5 N/mm over 2 mm, N."""
+"""Weight of the tool below the sensor minus the push of 5 N/mm over 2 mm, N."""
 
 STREAM_THEN_ASK = """
 import json, sys, time
@@ -47,7 +47,7 @@ asked.disconnect()
 
 @contextmanager
 def emulated(configuration: Path) -> Iterator[str]:
-    """An emulated sensor in a process of its own: its serial port."""
+    """Emulate a sensor in a separate process; yield its serial port."""
     command = (sys.executable, "-m", "hil_bridge", "emulate", "sensor", str(configuration), "--json")
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -62,10 +62,10 @@ def emulated(configuration: Path) -> Iterator[str]:
 
 
 @pytest.mark.timeout(300)
-def test_ft300python_streams_the_force_of_the_contact_and_asks_for_it(
+def test_ft300python_streams_and_polls_contact_force(
     client_python: Callable[..., Path], tmp_path: Path
 ) -> None:
-    """It needs the old pymodbus, and closes the port between its question and the stream."""
+    """It needs the old pymodbus, and closes the port between its query and the stream."""
     python, file = client_python("ft300python==1.0.2", "pymodbus==2.5.3"), tmp_path / "sensor.toml"
     file.write_text(IN_CONTACT)
     with emulated(file) as port:
@@ -73,10 +73,10 @@ def test_ft300python_streams_the_force_of_the_contact_and_asks_for_it(
             [python, "-c", STREAM_THEN_ASK, port], capture_output=True, text=True, check=False, timeout=60
         )
     assert done.returncode == 0, done.stderr
-    told: dict[str, Any] = json.loads(done.stdout)
+    reported: dict[str, Any] = json.loads(done.stdout)
     load = pytest.approx([0.0, 0.0, FZ, 0.0, 0.0, 0.0], abs=0.011)
-    assert told["asked"] == load
-    assert all(six == load for six in told["streamed"])
-    assert told["serial"] == [0x4654, 0x5300, 1234, 0]
-    assert told["year"] == 2021
-    assert told["acceleration"] == [0.0, 0.0, -1.0]
+    assert reported["asked"] == load
+    assert all(six == load for six in reported["streamed"])
+    assert reported["serial"] == [0x4654, 0x5300, 1234, 0]
+    assert reported["year"] == 2021
+    assert reported["acceleration"] == [0.0, 0.0, -1.0]

@@ -1,4 +1,4 @@
-"""Two clients of a Net F/T that other people wrote, unmodified, at the emulated box in a process of its own."""
+"""Two unmodified third-party clients of a Net F/T at the emulated box in a separate process."""
 
 import json
 import socket
@@ -27,7 +27,7 @@ vibration_n = 0.0
 motion_n = 0.0
 """
 FZ = 0.5 * 9.80665 - 2.0 * 5.0
-"""Weight of the tool below the sensor, less the push of 5 N/mm over 2 mm, N."""
+"""Weight of the tool below the sensor minus the push of 5 N/mm over 2 mm, N."""
 
 PYNETFT = """
 import json, sys, time
@@ -71,29 +71,29 @@ print(json.dumps({"one": one, "mean": mean, "tared": tared, "streamed": streamed
 
 @contextmanager
 def emulated(configuration: Path, url: str) -> Iterator[tuple[int, int]]:
-    """An emulated box in a process of its own: the ports of its records and of its page."""
+    """Emulate a box in a separate process; yield the ports of its records and of its page."""
     command = (sys.executable, "-m", "hil_bridge", "emulate", "sensor", str(configuration), "--json")
     process = subprocess.Popen((*command, "--sensor-port", url), stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        told = json.loads(process.stdout.readline() or "{}").get("sensor")
-        if told is None:
+        reported = json.loads(process.stdout.readline() or "{}").get("sensor")
+        if reported is None:
             pytest.fail("the emulator did not begin")
-        wire, _, page = told.partition("?http_port=")
+        wire, _, page = reported.partition("?http_port=")
         yield int(wire.rpartition(":")[2]), int(page)
     finally:
         process.terminate()
         process.communicate(timeout=10.0)
 
 
-def asked(python: Path, script: str, *arguments: object) -> dict[str, object]:
-    """Run a script with a client, and read what it prints."""
+def run_script(python: Path, script: str, *arguments: object) -> dict[str, object]:
+    """Run a script with a client, and return what it prints."""
     done = subprocess.run(
         [python, "-c", script, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=30
     )
     assert done.returncode == 0, done.stderr
-    found: dict[str, object] = json.loads(done.stdout)
-    return found
+    result: dict[str, object] = json.loads(done.stdout)
+    return result
 
 
 @pytest.fixture
@@ -104,26 +104,26 @@ def configuration(tmp_path: Path) -> Path:
 
 
 @pytest.mark.timeout(300)
-def test_pynetft_reads_the_page_streams_the_force_of_the_contact_and_biases(
+def test_pynetft_reads_page_streams_force_and_biases(
     client_python: Callable[..., Path], configuration: Path
 ) -> None:
     python = client_python("pynetft==2.1.3")
     with emulated(configuration, "netft+udp-bind://127.0.0.1:0") as (records, page):
-        told = asked(python, PYNETFT, "127.0.0.1", records, page)
-    assert told["product"] == "Net F/T emulator"
-    assert (told["state"], told["unit"]) == ("streaming", "N")
-    assert told["before"] == pytest.approx([0.0, 0.0, FZ], abs=1e-3)
-    assert told["after"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
-    assert isinstance(told["sequence"], int)
-    assert told["sequence"] > 300
-    assert told["wrong"] == [0] * 5
+        reported = run_script(python, PYNETFT, "127.0.0.1", records, page)
+    assert reported["product"] == "Net F/T emulator"
+    assert (reported["state"], reported["unit"]) == ("streaming", "N")
+    assert reported["before"] == pytest.approx([0.0, 0.0, FZ], abs=1e-3)
+    assert reported["after"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
+    assert isinstance(reported["sequence"], int)
+    assert reported["sequence"] > 300
+    assert reported["wrong"] == [0] * 5
 
 
 @pytest.mark.timeout(300)
 def test_netft_reads_single_records_and_streams(
     client_python: Callable[..., Path], configuration: Path
 ) -> None:
-    """It knows no other port than 49152, so the box has it at an address of its own on this computer."""
+    """It supports only port 49152, so the box has a separate address on this computer."""
     python, host = client_python("NetFT==2.0.1"), "127.49.152.1"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -131,10 +131,10 @@ def test_netft_reads_single_records_and_streams(
         except OSError as error:
             pytest.skip(f"{host}:49152 cannot be had: {error}")
     with emulated(configuration, f"netft+udp-bind://{host}:49152?http_port=0"):
-        told = asked(python, NETFT, host)
+        reported = run_script(python, NETFT, host)
     counts = pytest.approx([0.0, 0.0, FZ * 1e6], abs=1e3)
     for name in ("one", "mean", "streamed"):
-        six = told[name]
+        six = reported[name]
         assert isinstance(six, list)
         assert six[:3] == counts, name
-    assert told["tared"] == pytest.approx([0.0, 0.0, 0.0], abs=1e3)
+    assert reported["tared"] == pytest.approx([0.0, 0.0, 0.0], abs=1e3)

@@ -1,4 +1,4 @@
-"""RSIPI, a client that other people wrote, unmodified, at the emulated KUKA controller in a process of its own."""
+"""RSIPI, an unmodified third-party client, at the emulated KUKA controller in a separate process."""
 
 import json
 import socket
@@ -83,7 +83,7 @@ def free_port() -> int:
 
 @contextmanager
 def emulated(place: Path, settings: str) -> Iterator[int]:
-    """The emulated controller in a process of its own, and the port that it sends to."""
+    """Emulate the controller in a separate process; yield the port that it sends to."""
     config, port = place / "rsi.toml", free_port()
     config.write_text(f"[cell.rsi]\n{settings}")
     command = (
@@ -102,16 +102,18 @@ def emulated(place: Path, settings: str) -> Iterator[int]:
     )
     try:
         assert process.stdout is not None
-        told = json.loads(process.stdout.readline() or "{}")
-        assert told == {"robot": f"rsi+udp-bind://127.0.0.1:{port}"}
+        reported = json.loads(process.stdout.readline() or "{}")
+        assert reported == {"robot": f"rsi+udp-bind://127.0.0.1:{port}"}
         yield port
     finally:
         process.terminate()
         process.communicate(timeout=10.0)
 
 
-def ran(python: Path, place: Path, port: int, script: str, *arguments: object, holdon: int = 0) -> Any:
-    """Run a script with RSIPI, and read what it prints."""
+def run_client_script(
+    python: Path, place: Path, port: int, script: str, *arguments: object, holdon: int = 0
+) -> Any:
+    """Run a script with RSIPI, and return what it prints."""
     channels = [
         CHANNEL.format(axis=axis, index=index + 1, holdon=holdon) for index, axis in enumerate("XYZABC")
     ]
@@ -130,42 +132,40 @@ def ran(python: Path, place: Path, port: int, script: str, *arguments: object, h
 
 
 @pytest.mark.timeout(400)
-def test_relative_corrections_of_rsipi_move_the_robot_cycle_by_cycle(
+def test_rsipi_relative_corrections_move_robot_each_cycle(
     client_python: Callable[..., Path], tmp_path: Path
 ) -> None:
     python = client_python(RSIPI)
     with emulated(tmp_path, "restart_s = 0.5\n") as port:
-        told = ran(python, tmp_path, port, MOVE, "relative", 0.0, 0.01, -0.02)
-    before, after = told["before"], told["after"]
+        reported = run_client_script(python, tmp_path, port, MOVE, "relative", 0.0, 0.01, -0.02)
+    before, after = reported["before"], reported["after"]
     assert before["planned"]["Z"] == after["planned"]["Z"] == 600.0  # RSol stays where the program is
-    cycles = told["during"]["clock"] - before["clock"]
-    assert cycles == pytest.approx(1e3 * told["passed"], abs=200)  # IPOC counts milliseconds
-    way = after["actual"]["Z"] - before["actual"]["Z"]
-    taken = -way / 0.02
-    assert taken == pytest.approx(cycles / 4 - (after["late"] - before["late"]), abs=60)
-    assert after["actual"]["X"] - before["actual"]["X"] == pytest.approx(-way / 2.0, abs=1e-3)
+    cycles = reported["during"]["clock"] - before["clock"]
+    assert cycles == pytest.approx(1e3 * reported["passed"], abs=200)  # IPOC counts milliseconds
+    distance = after["actual"]["Z"] - before["actual"]["Z"]
+    accepted = -distance / 0.02
+    assert accepted == pytest.approx(cycles / 4 - (after["late"] - before["late"]), abs=60)
+    assert after["actual"]["X"] - before["actual"]["X"] == pytest.approx(-distance / 2.0, abs=1e-3)
 
 
 @pytest.mark.timeout(400)
-def test_absolute_corrections_of_rsipi_are_reached_and_held(
+def test_rsipi_absolute_corrections_are_reached_and_held(
     client_python: Callable[..., Path], tmp_path: Path
 ) -> None:
     python = client_python(RSIPI)
     with emulated(tmp_path, 'mode = "absolute"\nrestart_s = 0.5\n') as port:
-        told = ran(python, tmp_path, port, MOVE, "absolute", 0.1, 2.0, -5.0, holdon=1)
+        reported = run_client_script(python, tmp_path, port, MOVE, "absolute", 0.1, 2.0, -5.0, holdon=1)
     for moment in ("during", "after"):
-        found = told[moment]["actual"]
-        assert [found[axis] for axis in "XYZ"] == pytest.approx([902.0, -100.0, 595.0], abs=1e-3)
+        result = reported[moment]["actual"]
+        assert [result[axis] for axis in "XYZ"] == pytest.approx([902.0, -100.0, 595.0], abs=1e-3)
 
 
 @pytest.mark.timeout(400)
-def test_rsipi_that_stalls_is_counted_late_and_stops_the_robot_at_its_limit(
-    client_python: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_stalled_rsipi_stops_robot_at_late_limit(client_python: Callable[..., Path], tmp_path: Path) -> None:
     python = client_python(RSIPI)
     with emulated(tmp_path, "timeout = 100\nrestart_s = 6.0\n") as port:
-        told = ran(python, tmp_path, port, STALL, "relative", 0.0)
-    before, once, twice, after = (told[moment] for moment in ("before", "once", "twice", "after"))
+        reported = run_client_script(python, tmp_path, port, STALL, "relative", 0.0)
+    before, once, twice, after = (reported[moment] for moment in ("before", "once", "twice", "after"))
     assert once["late"] - before["late"] == pytest.approx(50, abs=30)  # 0.2 s of 4 ms, and it continues
     assert once["clock"] > before["clock"] + 500
     assert twice["clock"] == after["clock"]  # nothing came any more

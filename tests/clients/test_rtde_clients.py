@@ -1,6 +1,6 @@
-"""ur_rtde, which other people wrote, unmodified, at our emulated controller: in processes of their own, over loopback.
+"""Unmodified third-party ur_rtde at our emulated controller: in separate processes, over loopback.
 
-It has its ports as constants, so that each test has an address of its own.
+Its ports are constants, so each test has a separate address.
 """
 
 import json
@@ -24,7 +24,7 @@ UR_RTDE = "ur_rtde==1.6.5"
 PATIENCE_S = 40
 
 
-def ours(*arguments: str) -> "subprocess.Popen[str]":
+def start_own_client(*arguments: str) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "hil_bridge", *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
@@ -40,14 +40,14 @@ def ended(process: "subprocess.Popen[str]") -> Iterator["subprocess.Popen[str]"]
 
 @contextmanager
 def emulated(host: str, *more: str) -> Iterator[None]:
-    """The controller's ports on a loopback address."""
+    """Emulate a controller on a loopback address; yield the address."""
     with socket.socket() as probe:
         try:
             probe.bind((host, 30004))
         except OSError as error:
             pytest.skip(f"the port 30004 of {host} cannot be had: {error}")
     arguments = ("emulate", "robot", *more, "--robot", "rtde", "--robot-port", f"rtde+tcp-listen://{host}")
-    with ended(ours(*arguments, "--json")) as process:
+    with ended(start_own_client(*arguments, "--json")) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
         assert line, process.communicate()[1]
@@ -55,14 +55,14 @@ def emulated(host: str, *more: str) -> Iterator[None]:
         yield
 
 
-def tell(python: Path, script: str, arguments: Sequence[str]) -> dict[str, Any]:
-    """Run a script of the client; the JSON of its last line."""
+def run_script(python: Path, script: str, arguments: Sequence[str]) -> dict[str, Any]:
+    """Run a script of the client; return the JSON of its last line."""
     done = subprocess.run(
         [python, "-c", script, *arguments], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return result
 
 
 SERVO = """
@@ -104,7 +104,7 @@ print(json.dumps(told))
 
 
 def lag_of(sent: list[list[float]], got: list[list[float]]) -> float:
-    """By how much the path comes behind the targets, s, in steps of 2 ms: where they fit best."""
+    """Return the delay of the path behind the targets, s, in steps of 2 ms, by the best fit."""
 
     def misfit(steps: int) -> float:
         return sum((place - sent[k - steps][1]) ** 2 for k, (_, place) in enumerate(got) if k >= 120)
@@ -112,23 +112,25 @@ def lag_of(sent: list[list[float]], got: list[list[float]]) -> float:
     return 0.002 * min(range(120), key=misfit)
 
 
-def test_ur_rtde_servos_stops_and_sees_a_protective_stop(client_python: Callable[..., Path]) -> None:
+def test_ur_rtde_servos_stops_and_sees_protective_stop(client_python: Callable[..., Path]) -> None:
     python = client_python(UR_RTDE)
     with emulated("127.0.0.21"):
-        told = tell(python, SERVO, ["127.0.0.21"])
-    assert told["first"][:3] == pytest.approx([0.9, -0.1, 0.6], abs=1e-4)
-    assert (told["mode"], told["safety"], told["runtime"]) == (7, 1, 2)
-    assert told["good"] == 500
-    lowest = min(place for _, place in told["got"])
+        reported = run_script(python, SERVO, ["127.0.0.21"])
+    assert reported["first"][:3] == pytest.approx([0.9, -0.1, 0.6], abs=1e-4)
+    assert (reported["mode"], reported["safety"], reported["runtime"]) == (7, 1, 2)
+    assert reported["good"] == 500
+    lowest = min(place for _, place in reported["got"])
     assert lowest == pytest.approx(0.58, abs=2e-3)
-    assert 0.04 < lag_of(told["sent"], told["got"]) < 0.2  # the lookahead, the link, and a busy machine
-    assert max(map(abs, told["speed"][:3])) < 1e-6
-    assert told["moved"]
-    assert told["there"][1] == pytest.approx(-0.07, abs=1e-3)
-    assert told["offset"] == pytest.approx([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
-    assert len(told["joints"]) == 6
-    assert told["stopped"] == [True, 3, 4]
-    assert not told["refused"]
+    assert (
+        0.04 < lag_of(reported["sent"], reported["got"]) < 0.2
+    )  # the lookahead, the link, and a busy machine
+    assert max(map(abs, reported["speed"][:3])) < 1e-6
+    assert reported["moved"]
+    assert reported["there"][1] == pytest.approx(-0.07, abs=1e-3)
+    assert reported["offset"] == pytest.approx([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+    assert len(reported["joints"]) == 6
+    assert reported["stopped"] == [True, 3, 4]
+    assert not reported["refused"]
 
 
 CONTACT = """
@@ -152,15 +154,18 @@ print(json.dumps(told))
 """
 
 
-def test_ur_rtde_feels_the_surface_that_the_force_source_gives(client_python: Callable[..., Path]) -> None:
+def test_ur_rtde_reads_force_of_force_source(client_python: Callable[..., Path]) -> None:
     python = client_python(UR_RTDE)
-    with emulated("127.0.0.22"), ended(ours("emulate", "force-source", "rtde+tcp://127.0.0.22")) as source:
+    with (
+        emulated("127.0.0.22"),
+        ended(start_own_client("emulate", "force-source", "rtde+tcp://127.0.0.22")) as source,
+    ):
         wait_for_force("127.0.0.22")
-        told = tell(python, CONTACT, ["127.0.0.22"])
+        reported = run_script(python, CONTACT, ["127.0.0.22"])
         assert source.poll() is None
     # an arm that was not given a force yet tells its own estimate, with an offset of some newtons
-    assert told["free"] == pytest.approx([0.0] * 6, abs=5.5)
-    assert told["contact"][2] == pytest.approx(10.0, abs=0.5)
+    assert reported["free"] == pytest.approx([0.0] * 6, abs=5.5)
+    assert reported["contact"][2] == pytest.approx(10.0, abs=0.5)
 
 
 SETTINGS = """
@@ -200,21 +205,21 @@ print(json.dumps(told))
 """
 
 
-def test_ur_rtde_slider_and_payload_act(client_python: Callable[..., Path]) -> None:
+def test_ur_rtde_sets_slider_and_payload(client_python: Callable[..., Path]) -> None:
     python = client_python(UR_RTDE)
     with emulated("127.0.0.23"):
-        told = tell(python, SETTINGS, ["127.0.0.23"])
-    assert told["slider"] == pytest.approx(0.25)
+        reported = run_script(python, SETTINGS, ["127.0.0.23"])
+    assert reported["slider"] == pytest.approx(0.25)
     # 20 mm at 0.1 m/s and 1.2 m/s^2 take 0.28 s, at a quarter of that speed 0.82 s and more; a busy machine adds some
-    assert told["quarter"] > 2.0 * told["full"] > 0.5
-    assert told["quarter"] > 0.8
+    assert reported["quarter"] > 2.0 * reported["full"] > 0.5
+    assert reported["quarter"] > 0.8
     # the arm carries 0.5 kg: the weight of the other kilogram is taken off a force that has none of it
-    assert told["payload"] == pytest.approx(1.5)
-    assert told["changed"] == pytest.approx(1.0 * 9.82, abs=1.0)
+    assert reported["payload"] == pytest.approx(1.5)
+    assert reported["changed"] == pytest.approx(1.0 * 9.82, abs=1.0)
 
 
 def wait_for_force(host: str) -> None:
-    """Until another client is told that the input is in use. It asks for no_input too, so that it claims nothing."""
+    """Wait until another client is told that the input is in use. It also requests no_input, so it claims nothing."""
     for _ in range(200):
         with socket.create_connection((host, 30004), timeout=PATIENCE_S) as rtde:
             rtde.sendall(packets.inputs_request(("external_force_torque", "no_input")))
@@ -264,23 +269,21 @@ print(json.dumps(told))
 """
 
 
-def test_ur_rtde_holds_a_force_by_the_controllers_own_force_mode(client_python: Callable[..., Path]) -> None:
-    """The surface of the emulated cell answers: the arm stops at the touch, and presses with the wanted force."""
+def test_ur_rtde_holds_force_in_force_mode(client_python: Callable[..., Path]) -> None:
+    """The surface of the emulated cell responds: the arm stops at contact, and presses with the target force."""
     python = client_python(UR_RTDE)
     with emulated("127.0.0.24"):
-        told = tell(python, FORCE, ["127.0.0.24"])
-    assert all(told[name] for name in ("touched", "pressed", "ended", "jogged", "stopped", "sent"))
-    assert told["at"] == pytest.approx(0.589, abs=2e-3)
-    assert told["force"] == pytest.approx(
+        reported = run_script(python, FORCE, ["127.0.0.24"])
+    assert all(reported[name] for name in ("touched", "pressed", "ended", "jogged", "stopped", "sent"))
+    assert reported["at"] == pytest.approx(0.589, abs=2e-3)
+    assert reported["force"] == pytest.approx(
         10.0, abs=1.5
     )  # the arm's own measurement has an offset of some newtons
-    assert told["speed"] == pytest.approx(0.02, abs=2e-3)  # one reading has a noise of some mm/s
-    assert told["moved"] == pytest.approx(0.02, abs=1e-3)
+    assert reported["speed"] == pytest.approx(0.02, abs=2e-3)  # one reading has a noise of some mm/s
+    assert reported["moved"] == pytest.approx(0.02, abs=1e-3)
 
 
-def test_ur_rtde_is_told_that_the_robot_is_in_local_control(
-    client_python: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_ur_rtde_detects_local_control(client_python: Callable[..., Path], tmp_path: Path) -> None:
     python = client_python(UR_RTDE)
     config = tmp_path / "local.toml"
     config.write_text("[cell.rtde]\nremote_control = false\n")
@@ -290,12 +293,12 @@ def test_ur_rtde_is_told_that_the_robot_is_in_local_control(
         "    print(json.dumps({'refusal': str(error)}))\n"
     )
     with emulated("127.0.0.23", str(config)):
-        told = tell(python, script, ["127.0.0.23"])
-    assert "remote control" in told["refusal"].lower()
+        reported = run_script(python, script, ["127.0.0.23"])
+    assert "remote control" in reported["refusal"].lower()
 
 
 URX = ("urx==0.11.0", "math3d==4.0.0", "numpy==1.26.4")
-"""With what it imports; of these it names math3d alone."""
+"""python-urx with its dependencies; of these it declares only math3d."""
 PLAYS = """
 import json, sys, time
 from urx.urrobot import URRobot
@@ -316,11 +319,11 @@ finally:
 
 
 @pytest.mark.parametrize("version", ["3.1.0.0", "3.2.0.0", "3.5.0.0", "5.12.0.0"])
-def test_python_urx_moves_a_robot_of_each_version(version: str, client_python: Callable[..., Path]) -> None:
+def test_python_urx_moves_robot_of_each_version(version: str, client_python: Callable[..., Path]) -> None:
     python, host = client_python(*URX), "127.0.0.26"
     model = ("--set", "cell.rtde.model=ur10", "--set", "cell.rtde.cycle_ms=8.0") if version[0] == "3" else ()
     with emulated(host, "--set", f"cell.rtde.version={version}", *model):
-        told = tell(python, PLAYS, [host])
-    assert told["there"][1] - told["start"][1] == pytest.approx(0.03, abs=2e-3)
+        reported = run_script(python, PLAYS, [host])
+    assert reported["there"][1] - reported["start"][1] == pytest.approx(0.03, abs=2e-3)
     # its reader knows parts of the mode of 38 and 46 bytes; behind one of 47 it reads outputs of 16 bits
-    assert told["out"] == (version < "3.5")
+    assert reported["out"] == (version < "3.5")

@@ -1,4 +1,4 @@
-"""Virtual time: exact jumps, and an error instead of a run that hangs or leaves something behind."""
+"""Virtual time: exact jumps, and an error in place of a hanging run or leaked tasks."""
 
 import asyncio
 import gc
@@ -27,53 +27,53 @@ from hil_bridge.clock.heartbeat import RECENT_S
 from hil_bridge.transports import connect_bytes, connect_can, listen_bytes, listen_can, listen_datagrams
 
 
-def test_time_begins_at_an_odd_epoch_and_jumps_exactly() -> None:
+def test_virtual_time_begins_at_epoch_and_jumps_exactly() -> None:
     async def main() -> list[float]:
         clock = Clock.running()
         assert clock.is_virtual
-        seen = [clock.now()]
+        times = [clock.now()]
         for k in range(1, 4):
             await clock.sleep_until(VIRTUAL_EPOCH + k / 3)
-            seen.append(clock.now())
+            times.append(clock.now())
         await pass_time(100_000.1)
-        seen.append(clock.now())
-        return seen
+        times.append(clock.now())
+        return times
 
     epoch = VIRTUAL_EPOCH
-    seen = run_virtual(main)
-    assert seen[:4] == [epoch, epoch + 1 / 3, epoch + 2 / 3, epoch + 1]
-    assert seen[4] == epoch + 1 + 100_000.1
+    times = run_virtual(main)
+    assert times[:4] == [epoch, epoch + 1 / 3, epoch + 2 / 3, epoch + 1]
+    assert times[4] == epoch + 1 + 100_000.1
 
 
-def test_timers_run_in_order_each_at_its_own_instant() -> None:
+def test_virtual_timers_run_in_order_at_their_times() -> None:
     async def main() -> None:
         clock = Clock.running()
-        start, seen = clock.now(), []
-        # the first two lie nearer together than the nanosecond within which asyncio runs timers as one
+        start, times = clock.now(), []
+        # the first two are closer than the nanosecond within which asyncio merges timers
         whens = [start + 1e-3, start + 1e-3 + 1e-11, start + 2e-3, start + 5.0]
         for when in (whens[3], whens[1], whens[0], whens[2]):
-            clock.call_at(when, lambda: seen.append(clock.now()))
-        clock.call_at(start + 1.5e-3, lambda: seen.append(0.0)).cancel()
+            clock.call_at(when, lambda: times.append(clock.now()))
+        clock.call_at(start + 1.5e-3, lambda: times.append(0.0)).cancel()
         await clock.sleep_until(start + 6.0)
-        assert seen == whens
+        assert times == whens
 
     run_virtual(main)
 
 
-def test_a_time_that_has_passed_is_served_without_moving_time() -> None:
+def test_virtual_past_timer_runs_without_advance() -> None:
     async def main() -> None:
         clock = Clock.running()
-        start, seen = clock.now(), []
-        clock.call_at(start - 1.0, lambda: seen.append(clock.now()))
-        assert seen == []
+        start, times = clock.now(), []
+        clock.call_at(start - 1.0, lambda: times.append(clock.now()))
+        assert times == []
         await clock.sleep_until(start - 1.0)
         await pass_time(0)
-        assert seen == [start]
+        assert times == [start]
 
     run_virtual(main)
 
 
-def test_a_cancelled_sleep_leaves_no_timer() -> None:
+def test_virtual_cancelled_sleep_leaves_no_timer() -> None:
     async def main() -> float:
         clock = Clock.running()
         with pytest.raises(TimeoutError):
@@ -84,7 +84,7 @@ def test_a_cancelled_sleep_leaves_no_timer() -> None:
     assert run_virtual(main) == VIRTUAL_EPOCH + 0.25
 
 
-def test_deadlock_is_an_error_that_names_who_waits() -> None:
+def test_virtual_deadlock_error_names_waiting_tasks() -> None:
     async def waits_for_godot() -> None:
         await asyncio.get_running_loop().create_future()
 
@@ -92,7 +92,7 @@ def test_deadlock_is_an_error_that_names_who_waits() -> None:
         run_virtual(waits_for_godot)
 
 
-def test_time_that_stands_still_is_an_error() -> None:
+def test_virtual_endless_loop_is_error() -> None:
     async def main() -> None:
         loop = asyncio.get_running_loop()
 
@@ -106,7 +106,7 @@ def test_time_that_stands_still_is_an_error() -> None:
         run_virtual(main)
 
 
-def test_a_leaked_task_is_an_error() -> None:
+def test_virtual_leaked_task_is_error() -> None:
     async def main(cancel: bool) -> int:
         task = asyncio.create_task(pass_time(5), name="forgotten")
         await pass_time(1)
@@ -119,7 +119,7 @@ def test_a_leaked_task_is_an_error() -> None:
     assert run_virtual(main(cancel=True)) == 7
 
 
-def test_the_error_of_main_and_of_a_callback_come_out() -> None:
+def test_virtual_errors_of_main_and_callback_propagate() -> None:
     async def fails() -> None:
         raise KeyError("main")
 
@@ -133,7 +133,7 @@ def test_the_error_of_main_and_of_a_callback_come_out() -> None:
         run_virtual(callback_fails)
 
 
-def test_threads_and_files_are_refused() -> None:
+def test_virtual_threads_and_files_are_refused() -> None:
     async def main() -> None:
         with pytest.raises(VirtualTimeError, match="no threads"):
             await asyncio.to_thread(threading.get_ident)
@@ -143,7 +143,7 @@ def test_threads_and_files_are_refused() -> None:
     run_virtual(main)
 
 
-def test_async_generators_are_shut_down() -> None:
+def test_virtual_async_generators_are_shut_down() -> None:
     closed = []
 
     async def numbers() -> AsyncIterator[int]:
@@ -162,7 +162,7 @@ def test_async_generators_are_shut_down() -> None:
     assert closed == [True]
 
 
-def test_wall_time_is_fixed_in_virtual_time() -> None:
+def test_virtual_wall_time_is_fixed() -> None:
     async def main() -> tuple[int, int]:
         clock = Clock.running()
         await pass_time(12.5)
@@ -172,7 +172,7 @@ def test_wall_time_is_fixed_in_virtual_time() -> None:
     assert run_virtual(main) == (VIRTUAL_WALL_NS, VIRTUAL_WALL_NS + 12_500_000_000)
 
 
-def test_run_real_takes_a_function_or_a_coroutine() -> None:
+def test_run_real_accepts_function_or_coroutine() -> None:
     async def main() -> bool:
         return asyncio.get_running_loop().time() == VIRTUAL_EPOCH
 
@@ -181,7 +181,7 @@ def test_run_real_takes_a_function_or_a_coroutine() -> None:
 
 
 class Unwritten:
-    """A result that counts how often it is written out as text."""
+    """Result that counts how often it is formatted as text."""
 
     def __init__(self) -> None:
         self.written = 0
@@ -192,7 +192,7 @@ class Unwritten:
 
 
 @pytest.mark.parametrize("run", [run_virtual, run_real])
-def test_a_result_is_not_written_out_at_the_end(
+def test_run_does_not_format_result(
     run: Callable[[Coroutine[Any, Any, Unwritten]], Unwritten],
 ) -> None:
     async def main() -> Unwritten:
@@ -201,8 +201,8 @@ def test_a_result_is_not_written_out_at_the_end(
     assert run(main()).written == 0
 
 
-def test_a_loop_goes_with_its_run() -> None:
-    """Timers that still wait and wires in memory that were left open keep nothing of a run that has ended."""
+def test_event_loop_is_released_after_run() -> None:
+    """Pending timers and open wires in memory keep no reference to a run that has ended."""
 
     async def main() -> weakref.ref[asyncio.AbstractEventLoop]:
         clock = Clock.running()
@@ -222,7 +222,7 @@ def test_a_loop_goes_with_its_run() -> None:
     assert left() is None
 
 
-def test_a_beat_that_comes_late_counts_for_a_second_by_the_cycle_of_the_robot() -> None:
+def test_heartbeat_late_beat_counts_for_one_second() -> None:
     async def main() -> tuple[float, ...]:
         heart = Heartbeat(Clock.running())
         heart.start()
@@ -234,12 +234,12 @@ def test_a_beat_that_comes_late_counts_for_a_second_by_the_cycle_of_the_robot() 
         heart.stop()
         return *late, heart.recent(0.2)
 
-    fast, slow, taken, later = run_real(main())
-    assert 0.18 <= fast == slow == taken < 1.0
+    fast, slow, longest, later = run_real(main())
+    assert 0.18 <= fast == slow == longest < 1.0
     assert later < 0.18
 
 
-def test_virtual_time_is_never_late() -> None:
+def test_heartbeat_in_virtual_time_is_never_late() -> None:
     async def main() -> float:
         heart = Heartbeat(Clock.running())
         heart.start()

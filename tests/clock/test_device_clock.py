@@ -1,4 +1,4 @@
-"""The clock of emulated devices: lateness of the computer is not theirs."""
+"""The clock of emulated devices, which is independent of delays of the computer."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -19,14 +19,14 @@ from protocol.devices.rsi import SENSOR, Telegram, decode, encode, pose_tags
 LINE = LineSettings(19200)
 CHARACTER = LINE.bits / LINE.baudrate
 LATE = 0.3 * CHARACTER
-"""By which every timer is called back after the time that was asked for."""
-LOOK = 1e-6
-"""Time of a look at the clock, s."""
+"""Delay of every timer after its requested time, s."""
+READ_S = 1e-6
+"""Time for reading the clock once, s."""
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
 
 class LateClock:
-    """A clock whose timers the test calls, each late."""
+    """Clock whose timers are called by the test, each late."""
 
     is_virtual = False
 
@@ -35,7 +35,7 @@ class LateClock:
         self.timers: list[tuple[float, Callable[[], object]]] = []
 
     def now(self) -> float:
-        self.time += LOOK
+        self.time += READ_S
         return self.time
 
     def call_at(self, when: float, callback: Callable[[], object]) -> "LateClock":
@@ -43,7 +43,7 @@ class LateClock:
         return self
 
     def cancel(self) -> None:
-        """Timers of these tests all come."""
+        """Do nothing: no timer of these tests is cancelled."""
 
     def next_timer(self, late: float = LATE) -> float:
         when, callback = self.timers.pop(0)
@@ -53,7 +53,7 @@ class LateClock:
 
 
 class Wire:
-    """A transport that the test fills."""
+    """Transport that the test fills."""
 
     name = "wire"
     arrive: Callable[[bytes], None]
@@ -61,7 +61,7 @@ class Wire:
     def __init__(self, clock: Clock) -> None:
         self.sent: list[tuple[float, Any]] = []
         self.waiting: list[Any] = []
-        """Data in the buffer of the system."""
+        """Data in the system's buffer."""
         self._clock = clock
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
@@ -75,52 +75,52 @@ class Wire:
             self.arrive(self.waiting.pop())
 
     async def aclose(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
 
 @pytest.mark.parametrize("late", [0.0, EARLY_S, LATE], ids=["at once", "on time", "late"])
-def test_an_answer_on_a_paced_line_begins_when_the_question_ended(late: float) -> None:
+def test_device_clock_answer_begins_at_end_of_request(late: float) -> None:
     computer = LateClock()
     clock = device_clock(computer)  # type: ignore[arg-type]
     wire = Wire(clock)
     line = PacedLine(wire, LINE, clock)
     line.start(lambda data: line.send(data * 2), lambda cause: None)
     wire.arrive(b"\x05")
-    asked = computer.time
+    requested_at = computer.time
     computer.next_timer(late)
     computer.next_timer(late)
     ((ended, answer),) = wire.sent
     assert answer == b"\x05\x05"
-    assert ended == pytest.approx(asked + 3 * CHARACTER, abs=LOOK / 2)
+    assert ended == pytest.approx(requested_at + 3 * CHARACTER, abs=READ_S / 2)
 
 
-def test_a_wake_up_is_asked_for_early_and_what_is_left_is_waited_out() -> None:
+def test_device_clock_wakes_up_early_and_polls_rest() -> None:
     computer = LateClock()
     clock = device_clock(computer)  # type: ignore[arg-type]
-    seen: list[float] = []
-    clock.call_at(1001.0, lambda: seen.append(computer.time))
+    times: list[float] = []
+    clock.call_at(1001.0, lambda: times.append(computer.time))
     assert computer.next_timer(EARLY_S / 3) == 1001.0 - EARLY_S
-    assert seen == [pytest.approx(1001.0, abs=1.5 * LOOK)]
-    assert seen[0] >= 1001.0
+    assert times == [pytest.approx(1001.0, abs=1.5 * READ_S)]
+    assert times[0] >= 1001.0
 
 
-def test_now_is_the_time_that_was_asked_for_and_never_goes_back() -> None:
+def test_device_clock_now_is_requested_time_and_monotonic() -> None:
     late = LateClock()
     clock = device_clock(late)  # type: ignore[arg-type]
-    seen: list[float] = []
+    times: list[float] = []
     for when in (1001.0, 1002.0):
-        clock.call_at(when, lambda: seen.append(clock.now()))
+        clock.call_at(when, lambda: times.append(clock.now()))
     late.next_timer()
-    assert seen == [1001.0]
+    assert times == [1001.0]
     assert clock.now() == late.time >= 1001.0 - EARLY_S + LATE
     late.time = 1005.0
     newest = clock.now()
     assert newest > 1005.0
     late.next_timer()
-    assert seen == [1001.0, newest]
+    assert times == [1001.0, newest]
 
 
-def test_a_callback_that_raises_leaves_the_time_to_the_loop() -> None:
+def test_device_clock_recovers_from_callback_exception() -> None:
     late = LateClock()
     clock = device_clock(late)  # type: ignore[arg-type]
     clock.call_at(1001.0, lambda: 1 / 0)
@@ -129,18 +129,18 @@ def test_a_callback_that_raises_leaves_the_time_to_the_loop() -> None:
     assert clock.now() == late.time
 
 
-def test_on_a_running_loop_a_deadline_has_its_own_time() -> None:
+def test_device_clock_deadline_has_its_own_time() -> None:
     async def main() -> tuple[float, list[float]]:
         real = Clock.running()
-        clock, seen = device_clock(real), []
+        clock, times = device_clock(real), []
         when = real.now() + 0.001
-        clock.call_at(when, lambda: seen.append(clock.now()))
+        clock.call_at(when, lambda: times.append(clock.now()))
         await clock.sleep_until(when + 0.001)
         real.close()
-        return when, seen
+        return when, times
 
-    when, seen = run_real(main)
-    assert seen == [when]
+    when, times = run_real(main)
+    assert times == [when]
 
 
 def fail(reason: object) -> None:
@@ -151,7 +151,7 @@ def fail(reason: object) -> None:
 async def served(
     robot: RsiController, monkeypatch: pytest.MonkeyPatch
 ) -> AsyncIterator[tuple[LateClock, Wire]]:
-    """A robot that speaks first, on a computer that wakes it late."""
+    """Return a robot that sends first, on a computer that wakes it late."""
     computer = LateClock()
     clock = device_clock(computer)  # type: ignore[arg-type]
     wire = Wire(clock)
@@ -167,7 +167,7 @@ async def served(
         yield computer, wire
 
 
-async def test_an_answer_that_came_while_the_computer_stalled_is_in_time(
+async def test_device_clock_answer_during_stall_is_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     robot = RsiController(RsiProfile(), START, 1000.0)
@@ -181,7 +181,7 @@ async def test_an_answer_that_came_while_the_computer_stalled_is_in_time(
         assert robot.late == 0
 
 
-def test_in_virtual_time_it_is_the_clock_itself() -> None:
+def test_device_clock_in_virtual_time_is_clock_itself() -> None:
     async def main() -> None:
         clock = Clock.running()
         assert device_clock(clock) is clock

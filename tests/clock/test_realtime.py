@@ -1,4 +1,4 @@
-"""Priority, processor, memory and garbage of the loop's thread: as wanted inside, as before outside."""
+"""Priority, processor, memory and garbage collection of the loop's thread: set inside the context, then restored."""
 
 import ctypes
 import errno
@@ -34,7 +34,7 @@ def may_be_first() -> bool:
     return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] > 0
 
 
-def test_a_thread_that_never_sleeps_may_not_come_first() -> None:
+def test_realtime_busy_poll_excludes_fifo_priority() -> None:
     assert RealTime(busy_poll_ms=1000.0).busy_poll_ms == 1000.0
     with pytest.raises(ValueError, match="fifo_priority and busy_poll_ms exclude each other"):
         RealTime(fifo_priority=1, busy_poll_ms=0.1)
@@ -42,21 +42,21 @@ def test_a_thread_that_never_sleeps_may_not_come_first() -> None:
         RealTime(busy_poll_ms=1001.0)
 
 
-def test_nothing_changes_where_nothing_is_wanted() -> None:
+def test_realtime_defaults_change_nothing() -> None:
     before = os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()
     with real_time_thread(RealTime()) as executor:
         assert executor is None
         assert (os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()) == before
 
 
-def test_a_computing_thread_gives_way_soon() -> None:
+def test_realtime_computing_thread_yields_soon() -> None:
     before = sys.getswitchinterval()
     with short_switch_interval():
         assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
     assert sys.getswitchinterval() == before
 
 
-def test_only_the_loops_thread_is_pinned() -> None:
+def test_realtime_pins_only_thread_of_loop() -> None:
     before = os.sched_getaffinity(0)
     one = min(before)
     with real_time_thread(RealTime(cpus=(one,))) as executor:
@@ -67,7 +67,7 @@ def test_only_the_loops_thread_is_pinned() -> None:
 
 
 @pytest.mark.parametrize("others", [(), (min(os.sched_getaffinity(0)),)])
-def test_a_processor_that_is_not_there_is_refused_in_one_line(others: tuple[int, ...]) -> None:
+def test_realtime_missing_processor_is_refused(others: tuple[int, ...]) -> None:
     before = os.sched_getaffinity(0)
     with (
         pytest.raises(ConfigError, match=r"realtime\.cpus: this process may not run on 999"),
@@ -78,22 +78,22 @@ def test_a_processor_that_is_not_there_is_refused_in_one_line(others: tuple[int,
 
 
 @pytest.mark.skipif(not may_be_first(), reason="SCHED_FIFO is not permitted here")
-def test_priority_is_that_of_the_loops_thread_alone() -> None:
+def test_realtime_priority_applies_to_thread_of_loop_only() -> None:
     before = os.sched_getscheduler(0)
-    seen: list[int] = []
+    priorities: list[int] = []
     try:
         with real_time_thread(RealTime(fifo_priority=1)):
             assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
-            thread = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
+            thread = threading.Thread(target=lambda: priorities.append(os.sched_getscheduler(0)))
             thread.start()
             thread.join()
     except ConfigError:
         pytest.skip("SCHED_FIFO is not permitted here")
-    assert seen == [os.SCHED_OTHER]
+    assert priorities == [os.SCHED_OTHER]
     assert os.sched_getscheduler(0) == before
 
 
-def test_what_is_not_permitted_says_how_to_permit_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_realtime_missing_permission_reports_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*arguments: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 
@@ -105,7 +105,7 @@ def test_what_is_not_permitted_says_how_to_permit_it(monkeypatch: pytest.MonkeyP
         pass
 
 
-def test_memory_is_locked_while_inside() -> None:
+def test_realtime_locks_memory_inside_context() -> None:
     before = locked_kilobytes()
     if ctypes.CDLL(None).mlockall(1) != 0:
         pytest.skip("locking memory is not permitted here")
@@ -115,28 +115,30 @@ def test_memory_is_locked_while_inside() -> None:
     assert locked_kilobytes() <= before
 
 
-def test_processors_are_kept_awake_as_long_as_the_file_is_open(
+def test_realtime_keeps_processors_awake_inside_context(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stand_in = tmp_path / "cpu_dma_latency"
-    stand_in.touch()
-    monkeypatch.setattr(realtime, "LATENCY_FILE", str(stand_in))
+    latency_file = tmp_path / "cpu_dma_latency"
+    latency_file.touch()
+    monkeypatch.setattr(realtime, "LATENCY_FILE", str(latency_file))
 
-    def held() -> bool:
-        return any(Path(f"/proc/self/fd/{fd}").resolve() == stand_in for fd in os.listdir("/proc/self/fd"))
+    def is_open() -> bool:
+        return any(
+            Path(f"/proc/self/fd/{fd}").resolve() == latency_file for fd in os.listdir("/proc/self/fd")
+        )
 
     with real_time_thread(RealTime()):
-        assert not held()
+        assert not is_open()
     with real_time_thread(RealTime(keep_awake=True)):
-        assert held()
-    assert not held()
-    assert stand_in.read_bytes() == bytes(4)  # no latency at all
+        assert is_open()
+    assert not is_open()
+    assert latency_file.read_bytes() == bytes(4)  # no latency at all
 
 
 @pytest.mark.parametrize(
     ("error", "remedy"), [(errno.EACCES, "by a udev rule"), (errno.ENOENT, "this kernel does not offer it")]
 )
-def test_a_machine_that_may_not_be_kept_awake_says_so_in_one_line(
+def test_realtime_keep_awake_refusal_is_one_line(
     monkeypatch: pytest.MonkeyPatch, error: int, remedy: str
 ) -> None:
     def refuse(*arguments: object) -> int:
@@ -153,9 +155,9 @@ def test_a_machine_that_may_not_be_kept_awake_says_so_in_one_line(
 
 @pytest.mark.parametrize("collect", [True, False])
 @pytest.mark.parametrize("frozen", [True, False])
-def test_garbage_waits_until_it_is_asked_for(collect: bool, frozen: bool) -> None:
+def test_realtime_garbage_is_collected_on_request(collect: bool, frozen: bool) -> None:
     class Node:
-        """One that refers to itself."""
+        """Node that refers to itself."""
 
         alive = 0
 
@@ -182,7 +184,7 @@ def test_garbage_waits_until_it_is_asked_for(collect: bool, frozen: bool) -> Non
     gc.freeze()  # the tests that were collected, as it was before
 
 
-def test_gc_frozen_leaves_the_collector_on() -> None:
+def test_gc_frozen_keeps_collector_enabled() -> None:
     gc.unfreeze()
     with gc_frozen():
         assert gc.get_freeze_count() > 0
@@ -195,6 +197,6 @@ def test_gc_frozen_leaves_the_collector_on() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"fifo_priority": 100}, {"fifo_priority": -1}, {"cpus": (-1,)}])
-def test_impossible_settings_are_refused(wrong: dict[str, object]) -> None:
+def test_realtime_invalid_settings_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         RealTime(**wrong)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Small clients of each robot, in this process and in virtual time. Each may have one planted mistake."""
+"""Simple clients of each robot, in this process and in virtual time. Each may have one planted mistake."""
 
 import asyncio
 import math
@@ -25,17 +25,17 @@ from protocol.devices.rtde.program import INPUT_NAMES, Command, program_text
 from protocol.geometry import Pose
 
 SPEED_M_S = 0.01
-"""Chosen: all of them go down so fast."""
+"""Speed at which all clients move down, m/s. Chosen."""
 
 
 LATE_CYCLES = 5
 
 
 class Naive:
-    """A client in this process that ends well when its robot stops."""
+    """Client in this process that ends properly when its robot stops."""
 
     kind = ""
-    """Its robot."""
+    """Kind of its robot."""
     output = ""
     on_output: Callable[[bytes], object] | None = None
 
@@ -43,7 +43,7 @@ class Naive:
         self.mistake = mistake
         self.clock = Clock.running()
         self.begun_at: float | None = None
-        """When its path began."""
+        """Time at which its path began."""
         self.answers = 0
         self._newest_at = self.clock.now()
         self._done = asyncio.Event()
@@ -62,7 +62,7 @@ class Naive:
                 await wire.aclose()
 
     async def open(self, url: str) -> None:
-        """Come to the robot. Answers go out as its data comes."""
+        """Connect to the robot. Responses are sent as its data arrive."""
         raise NotImplementedError
 
     def take(self, wire: Transport[Any], on_data: Callable[[Any], None]) -> None:
@@ -77,7 +77,7 @@ class Naive:
         return self._done.is_set()
 
     def depth(self, period: float) -> float:
-        """How far down the path is, m: by the number of answers, or, as a mistake, by the clock."""
+        """Return the depth of the path, m, by the number of responses or, as a mistake, by the clock."""
         now = self.clock.now()
         if self.begun_at is None:
             self.begun_at = now
@@ -104,7 +104,7 @@ class Naive:
 
 
 class EgmClient(Naive):
-    """Answers each datagram with a pose."""
+    """Client that responds to each datagram with a pose."""
 
     kind = "egm"
     start_pose: PoseMm | None = None
@@ -118,13 +118,13 @@ class EgmClient(Naive):
         self.take(wire, lambda datagrams: self._answer(wire, datagrams))
 
     def _answer(self, wire: Transport[Datagrams], datagrams: Datagrams) -> None:
-        told = decode_robot(bytes(datagrams[-1]))
-        stands = told.motors is not Motors.ON or told.rapid is not Rapid.RUNNING
-        if stands and self.mistake != "blind":
+        packet = decode_robot(bytes(datagrams[-1]))
+        is_stopped = packet.motors is not Motors.ON or packet.rapid is not Rapid.RUNNING
+        if is_stopped and self.mistake != "blind":
             self.end()
-        if self.ended or told.feedback is None or told.feedback.pose is None:
+        if self.ended or packet.feedback is None or packet.feedback.pose is None:
             return
-        self.start_pose = self.start_pose or told.feedback.pose
+        self.start_pose = self.start_pose or packet.feedback.pose
         for _ in range(2 if self.mistake == "two loops" else 1):
             self._waiting.append(encode_answer(self._message(self.start_pose, 1e3 * self.depth(0.004))))
             if self.mistake != "late" or len(self._waiting) > LATE_CYCLES:
@@ -150,7 +150,7 @@ class EgmClient(Naive):
 
 
 class RsiClient(Naive):
-    """Answers each telegram with a correction that is added."""
+    """Client that responds to each telegram with a relative correction."""
 
     kind = "rsi"
     last_ipoc: int | None = None
@@ -160,8 +160,8 @@ class RsiClient(Naive):
         self.take(wire, lambda datagrams: self._answer(wire, datagrams))
 
     def _answer(self, wire: Transport[Datagrams], datagrams: Datagrams) -> None:
-        told = decode(bytes(datagrams[-1]))
-        if told.values.get("ProgStatus.R") != "3" and self.mistake != "blind":
+        packet = decode(bytes(datagrams[-1]))
+        if packet.values.get("ProgStatus.R") != "3" and self.mistake != "blind":
             self.end()
         if self.ended:
             return
@@ -174,12 +174,12 @@ class RsiClient(Naive):
             case "metres":
                 values[2] = -step_mm / 1e3
             case "orientation":
-                values[3:] = [float(told.values[f"RIst.{name}"]) for name in "ABC"]
+                values[3:] = [float(packet.values[f"RIst.{name}"]) for name in "ABC"]
             case "clock":
                 last, self.last_mm = self.last_mm, total_mm
                 values[2] = last - total_mm
-        ipoc = self.last_ipoc if self.mistake == "late" and self.last_ipoc is not None else told.ipoc
-        self.last_ipoc = told.ipoc
+        ipoc = self.last_ipoc if self.mistake == "late" and self.last_ipoc is not None else packet.ipoc
+        self.last_ipoc = packet.ipoc
         texts = {f"RKorr.{name}": fixed(value, 6) for name, value in zip("XYZABC", values, strict=True)}
         wire.send([encode(Telegram(SENSOR, "ImFree", texts, ipoc))])
 
@@ -190,7 +190,7 @@ LEAVING = b"speedl([0, 0, -0.01, 0, 0, 0], 0.5, 60)\n"
 
 
 class RtdeClient(Naive):
-    """Brings our streaming program, and writes a pose for each package."""
+    """Client that uploads our streaming program, and writes a pose for each package."""
 
     kind = "rtde"
     start_pose: tuple[float, ...] | None = None
@@ -222,9 +222,9 @@ class RtdeClient(Naive):
 
     def _answer(self, wire: Transport[bytes], data: bytes) -> None:
         self._reader.feed(data)
-        while (told := self._reader.next_packet()) is not None:
-            if told.kind == Kind.DATA and self.mistake != "leaves" and not self.ended:
-                *pose, safety = self._outputs.unpack(told.payload)
+        while (packet := self._reader.next_packet()) is not None:
+            if packet.kind == Kind.DATA and self.mistake != "leaves" and not self.ended:
+                *pose, safety = self._outputs.unpack(packet.payload)
                 self._order(wire, pose, safety == 1)
 
     def _order(self, wire: Transport[bytes], pose: list[float], normal: bool) -> None:
@@ -243,7 +243,7 @@ class RtdeClient(Naive):
 
 
 class ScriptClient(RtdeClient):
-    """Sends a script of one speed, ten times a second, over and over."""
+    """Client that sends a script with a constant speed ten times per second."""
 
     inputs: tuple[str, ...] = ()
     sent_at = -math.inf
@@ -275,7 +275,7 @@ end
 
 
 class OwnServoClient(RtdeClient):
-    """Brings a program of its own, and writes its registers."""
+    """Client that uploads its own program, and writes its registers."""
 
     inputs = ("input_double_register_24", "input_double_register_25", "input_int_register_24")
     program = SERVO_PROGRAM
@@ -292,7 +292,7 @@ class OwnServoClient(RtdeClient):
 
 
 class S3Client(Naive):
-    """Goes down by our link."""
+    """Client that moves down over our link."""
 
     kind = "s3"
 
@@ -315,14 +315,14 @@ class S3Client(Naive):
 
 
 class Planted(NamedTuple):
-    """A mistake, and the scenario in which it shows."""
+    """Mistake, and the scenario in which it is detected."""
 
     client: type[Naive]
     mistake: str
     words: str
-    """The mistake, for the docs."""
+    """Description of the mistake, for the docs."""
     reason: str
-    """A piece of the verdict's reason; empty for a mistake that is not found by default."""
+    """Part of the verdict's reason; empty for a mistake that the default rules do not detect."""
     scenario: str = "nominal"
 
 
@@ -368,4 +368,4 @@ PLANTED = (
     Planted(S3Client, "quaternion", "a quaternion x y z w is sent as w x y z", "failed by itself"),
     Planted(S3Client, "jump", "one order of the stream is 20 mm off", LEAP),
 )
-"""Mistakes over the robots."""
+"""Mistakes by robot."""

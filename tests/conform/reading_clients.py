@@ -1,4 +1,4 @@
-"""Clients of sensors, in this process and in virtual time: ours, that writes each frame as a line, with a mistake."""
+"""Sensor clients in this process and in virtual time: ours, printing each frame as a line, with a mistake."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,11 +15,13 @@ from hil_bridge.settings.devices import sensor_at
 
 POUND_FORCE_N = 4.4482216152605
 EVERY_S = 0.02
-"""Chosen: all of them tell so often."""
+"""Interval at which all clients print, s. Chosen."""
 
 
 class Reader:
-    """Tells the newest frame of our own sensor client every `EVERY_S`, as long as the client trusts it."""
+    """Client that prints the newest frame of our own sensor client every `EVERY_S`, as long as that client trusts
+    it.
+    """
 
     output = ""
     on_output: Callable[[bytes], object] | None = None
@@ -45,13 +47,13 @@ class Reader:
                 if self.mistake != "blind":
                     sensor.check()
                     if sensor.stands or sensor.saturated:
-                        raise BridgeError("the sensor tells no values")
+                        raise BridgeError("the sensor reports no values")
                 frame = await sensor.frame()
                 if self.mistake not in ("stale", "blind") and clock.now() - frame.at > 0.2:
                     raise BridgeError("the sensor is silent")
                 now = self._spoil(sensor.wrench(frame))
                 now = [a - b for a, b in zip(now, zero, strict=True)]
-                self._tell(now)
+                self._publish(now)
         finally:
             await sensor.aclose()
 
@@ -73,7 +75,7 @@ class Reader:
             case _:
                 return list(wrench)
 
-    def _tell(self, wrench: list[float]) -> None:
+    def _publish(self, wrench: list[float]) -> None:
         assert self.on_output is not None
         self.on_output(b"reading\n" + " ".join(f"{part:.4f}" for part in wrench).encode() + b"\n")
 
@@ -94,7 +96,7 @@ class Reader:
 
 
 class PlantedReading(NamedTuple):
-    """A mistake of a sensor's client, and how it is found."""
+    """Mistake of a sensor client, and how it is detected."""
 
     kind: str
     mistake: str
@@ -106,17 +108,17 @@ class PlantedReading(NamedTuple):
 
 PLANTED_READINGS = (
     PlantedReading(
-        "netft", "pounds", "pounds of force are told as newtons", "nominal", "were reported as fx +2.25"
+        "netft", "pounds", "pounds of force are reported as newtons", "nominal", "were reported as fx +2.25"
     ),
     PlantedReading("ft300", "swapped", "two axes are exchanged", "nominal", "on fx were reported as fy +"),
     PlantedReading("ati-can", "sign", "fz has the wrong sign", "nominal", "on fz were reported as fz -"),
     PlantedReading(
-        "jr3", "moments first", "moments stand before forces", "nominal", "on fx were reported as mx +"
+        "jr3", "moments first", "moments come before forces", "nominal", "on fx were reported as mx +"
     ),
     PlantedReading(
         "jr3-uart",
         "newton millimetres",
-        "moments are told in N·mm",
+        "moments are reported in N·mm",
         "nominal",
         "is neither the load nor zero",
     ),
@@ -124,14 +126,18 @@ PLANTED_READINGS = (
     PlantedReading(
         "netft",
         "",
-        "its reading at rest is not zero, as declared",
+        "its reading without load is not zero, as declared",
         "nominal",
         "is not zero, as declared",
         True,
     ),
     PlantedReading(
-        "netft", "stale", "the last value is told on while nothing comes", "cut", "while the link was cut"
+        "netft",
+        "stale",
+        "the last value is still reported while no frames arrive",
+        "cut",
+        "while the link was cut",
     ),
-    PlantedReading("netft", "blind", "it does not look at the status", "status", "reported them as invalid"),
-    PlantedReading("jr3", "blind", "it does not look at the counter", "status", "reported them as invalid"),
+    PlantedReading("netft", "blind", "it ignores the status", "status", "reported them as invalid"),
+    PlantedReading("jr3", "blind", "it ignores the counter", "status", "reported them as invalid"),
 )

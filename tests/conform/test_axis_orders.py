@@ -1,4 +1,4 @@
-"""A client that corrects axes is judged by the places to which its orders lead."""
+"""Judging a client that corrects axes, by the positions that its orders lead to."""
 
 import pytest
 
@@ -13,8 +13,8 @@ EPOCH = 100.0
 STANDING = ToolSample((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def judged(steps_deg: list[float]) -> RobotEvidence:
-    """The watch over a client that corrects axis 1 so, cycle by cycle."""
+def judgement_of(steps_deg: list[float]) -> RobotEvidence:
+    """Return the judgement of a client that corrects axis 1 by these values, cycle by cycle."""
     profile = RsiProfile(mode="absolute", move_after_ms=0.0)
     robot = RsiController(profile, StartPose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0)), EPOCH)
     watch = Watch(EPOCH, Rules(), stops=False, from_start=False)
@@ -31,16 +31,16 @@ def judged(steps_deg: list[float]) -> RobotEvidence:
     return watch.seen
 
 
-def test_a_steady_client_of_axes_is_seen_to_order_small_steps() -> None:
-    seen = judged([0.1 * k for k in range(11)])
-    assert seen.taken >= 10
-    assert seen.own_stop == ""
-    assert seen.leaps == 0
+def test_steady_axis_client_orders_small_steps() -> None:
+    observed = judgement_of([0.1 * k for k in range(11)])
+    assert observed.taken >= 10
+    assert observed.own_stop == ""
+    assert observed.leaps == 0
     # 0.1° at 0.9 m
-    assert seen.largest_step_m == pytest.approx(0.00157, abs=1e-5)
+    assert observed.largest_step_m == pytest.approx(0.00157, abs=1e-5)
 
 
-def test_a_leap_of_an_axis_is_the_clients_own_stop() -> None:
-    seen = judged([0.0, 0.0, 5.0, 5.0])
-    assert seen.own_stop == TOO_FAST
-    assert seen.largest_step_m == pytest.approx(0.0785, abs=1e-3)
+def test_axis_leap_is_stopped_by_the_client() -> None:
+    observed = judgement_of([0.0, 0.0, 5.0, 5.0])
+    assert observed.own_stop == TOO_FAST
+    assert observed.largest_step_m == pytest.approx(0.0785, abs=1e-3)

@@ -1,4 +1,4 @@
-"""`hil-bridge conform` with what it refuses before it plays."""
+"""`hil-bridge conform`: input that is refused before the scenarios start."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def conform(*arguments: str) -> "tuple[int, str]":
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (("rtde",), "the client's command is missing; give it after --"),
         (
@@ -30,27 +30,27 @@ def conform(*arguments: str) -> "tuple[int, str]":
         ),
         (("rtde", "--only", "fire", "--", "true"), "no scenario 'fire' for rtde; known: nominal, late"),
         (("rtde", "--set", "fire=1", "--", "true"), "must be NAME=VALUE"),
-        (("rtde", "--junit", "/nowhere/x.xml", "--", "true"), "there is no such folder"),
+        (("rtde", "--junit", "/nowhere/x.xml", "--", "true"), "no such folder"),
     ],
 )
-def test_wrong_input_is_refused_in_one_line(arguments: tuple[str, ...], words: str) -> None:
-    code, told = conform(*arguments)
+def test_conform_invalid_input_is_refused_in_one_line(arguments: tuple[str, ...], message: str) -> None:
+    code, output = conform(*arguments)
     assert code == 2
-    assert words in told
+    assert message in output
 
 
-def test_the_rules_are_shown_with_their_units() -> None:
-    code, told = conform("rtde", "--rules", "--set", "react_s=0.2")
+def test_conform_rules_are_listed_with_units() -> None:
+    code, output = conform("rtde", "--rules", "--set", "react_s=0.2")
     assert code == 0
-    assert "react_s               0.2 s     time to react to a stop" in told.splitlines()
+    assert "react_s               0.2 s     time to react to a stop" in output.splitlines()
 
 
-def test_verdicts_do_not_overwrite_a_file(tmp_path: Path) -> None:
-    place = tmp_path / "verdicts.json"
-    place.touch()
-    code, told = conform("rtde", "--json", str(place), "--", "true")
+def test_conform_verdicts_do_not_overwrite_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "verdicts.json"
+    path.touch()
+    code, output = conform("rtde", "--json", str(path), "--", "true")
     assert code == 2
-    assert "is there already" in told
+    assert "already exists" in output
 
 
 @pytest.mark.parametrize(
@@ -66,13 +66,13 @@ def test_verdicts_do_not_overwrite_a_file(tmp_path: Path) -> None:
         ("s3", "s3+serial:///dev/pts/0?baudrate=9600&parity=E", {"device": "/dev/pts/0"}),
     ],
 )
-def test_a_client_is_told_where_the_robot_is(kind: str, url: str, names: dict[str, str]) -> None:
-    found = where_of(robot_at(load_config(None, {"robot.emulated": kind}), url)).names
-    assert {key: found.get(key) for key in names} == names
-    assert found["url"] == url
+def test_conform_client_command_gets_robot_address(kind: str, url: str, names: dict[str, str]) -> None:
+    result = where_of(robot_at(load_config(None, {"robot.emulated": kind}), url)).names
+    assert {key: result.get(key) for key in names} == names
+    assert result["url"] == url
 
 
-def test_a_port_of_the_client_is_free_where_the_command_is_told_it() -> None:
+def test_conform_client_port_is_free() -> None:
     config = load_config(None, {"robot.emulated": "egm"})
     assert usual_port(config, None, ["./client"]) == "egm+udp://127.0.0.1:6510"
     assert not usual_port(config, None, ["./client", "{port}"]).endswith(":6510")

@@ -1,4 +1,4 @@
-"""Sensors' clients in every scenario, in virtual time: ours passes, and one with a planted mistake does not."""
+"""Sensor clients in every scenario, in virtual time: ours passes, one with a planted mistake does not."""
 
 import asyncio
 
@@ -27,10 +27,10 @@ def trial(kind: str, mistake: str = "", **rules: bool) -> SensorTrial:
     return SensorTrial(config, url, SensorRules(**rules), lambda: Reader(kind, mistake))
 
 
-def played(scenario: str, of: SensorTrial) -> ScenarioResult[SensorEvidence]:
+def run_scenario(scenario: str, of: SensorTrial) -> ScenarioResult[SensorEvidence]:
     async def main() -> ScenarioResult[SensorEvidence]:
         one = await play(scenario, of)
-        await asyncio.sleep(1.0)  # a task that was told to end does so
+        await asyncio.sleep(1.0)  # lets cancelled tasks end
         return one
 
     return run_virtual(main)
@@ -38,17 +38,17 @@ def played(scenario: str, of: SensorTrial) -> ScenarioResult[SensorEvidence]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scenario", [*SENSOR_SCENARIOS])
-def test_our_own_client_passes(kind: str, scenario: str) -> None:
+def test_own_sensor_client_passes(kind: str, scenario: str) -> None:
     of = trial(kind)
     if scenario not in of.scenarios:
         pytest.skip("this sensor cannot have it")
-    one = played(scenario, of)
+    one = run_scenario(scenario, of)
     assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
     assert one.seen.readings > 10
 
 
-def test_a_client_that_takes_the_load_for_zero_passes_as_it_declares() -> None:
-    one = played("nominal", trial("netft", "zero", takes_zero=True))
+def test_client_declaring_zero_under_load_passes() -> None:
+    one = run_scenario("nominal", trial("netft", "zero", takes_zero=True))
     assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
     assert one.seen.truth is not None
     assert one.seen.truth[2] == pytest.approx(4.9, abs=0.1)
@@ -58,35 +58,37 @@ def test_a_client_that_takes_the_load_for_zero_passes_as_it_declares() -> None:
 @pytest.mark.parametrize(
     "planted", PLANTED_READINGS, ids=lambda each: f"{each.kind}-{each.words.replace(' ', '-')}"
 )
-def test_a_planted_mistake_is_found(planted: PlantedReading) -> None:
-    one = played(planted.scenario, trial(planted.kind, planted.mistake, takes_zero=planted.declares_zero))
+def test_planted_sensor_mistake_is_detected(planted: PlantedReading) -> None:
+    one = run_scenario(
+        planted.scenario, trial(planted.kind, planted.mistake, takes_zero=planted.declares_zero)
+    )
     assert one.verdict.outcome is Outcome.FAILED, one.verdict.reason
     assert planted.reason in one.verdict.reason
 
 
-def test_a_client_that_must_come_back_and_does_not_fails() -> None:
-    one = played("cut", trial("netft", comes_back=True))
+def test_client_that_does_not_recover_fails() -> None:
+    one = run_scenario("cut", trial("netft", comes_back=True))
     assert one.verdict.outcome is Outcome.FAILED
     assert "did not reconnect within 10 s, as declared" in one.verdict.reason
 
 
-def test_a_client_that_tells_nothing_fails_and_the_other_scenarios_are_skipped() -> None:
+def test_silent_client_fails_and_other_scenarios_skip() -> None:
     class Mute(Reader):
-        def _tell(self, wrench: list[float]) -> None:
+        def _publish(self, wrench: list[float]) -> None:
             assert self.on_output is not None
             self.on_output(b"1 2 3\nfx fy fz mx my mz\n")
 
     of = SensorTrial(
         trial("netft").config, trial("netft").port, SensorRules(start_s=8.0), lambda: Mute("netft")
     )
-    nominal = played("nominal", of)
+    nominal = run_scenario("nominal", of)
     assert nominal.verdict.reason == "reported no reading: nothing in 8 s"
     skipped = of.refuse("cut", nominal)
     assert skipped is not None
     assert skipped.verdict.outcome is Outcome.SKIPPED
 
 
-def test_scenarios_are_those_that_the_sensor_can_have() -> None:
+def test_scenarios_match_sensor_capabilities() -> None:
     assert [*trial("ft300").scenarios] == ["nominal", "lost", "cut", "restart"]
     assert [*trial("jr3").scenarios] == ["nominal", "lost", "status", "cut"]
     with pytest.raises(
@@ -95,7 +97,7 @@ def test_scenarios_are_those_that_the_sensor_can_have() -> None:
         choose_scenarios(trial("ft300"), ["status"])
 
 
-def test_lines_are_taken_apart_wherever_they_are_cut() -> None:
+def test_lines_are_parsed_with_any_split() -> None:
     text = b"1 2 3 4 5 6\nlog: 1 2 3 4 5 6\n7,8;9\t10 11,12\r\nnan 0 0 0 0 0\n1 2 3 4 5 6 7\n" + b"x" * 9000
     for size in (1, 7, 1000):
         lines = Lines()

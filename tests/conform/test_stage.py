@@ -1,4 +1,4 @@
-"""Scenarios of all kinds of robot in virtual time, with our own links as clients: no process, no port."""
+"""Scenarios of all kinds of robot in virtual time, with our own links as clients, without processes and ports."""
 
 import asyncio
 from collections.abc import Callable
@@ -31,7 +31,7 @@ CALM = MotionLimits(0.02)
 
 @dataclass
 class Linked:
-    """A client in this process: a link of ours that goes down step by step, and what it does when that fails."""
+    """Client in this process: one of our links that moves down step by step, with its reaction to a failure."""
 
     config: Config
     stubborn: bool = False
@@ -79,10 +79,10 @@ def trial(kind: str) -> RobotTrial:
     )
 
 
-def played(kind: str, scenario: str) -> ScenarioResult[RobotEvidence]:
+def run_scenario(kind: str, scenario: str) -> ScenarioResult[RobotEvidence]:
     async def main() -> ScenarioResult[RobotEvidence]:
         one = await play(scenario, trial(kind))
-        await asyncio.sleep(1.0)  # a task that was told to end does so
+        await asyncio.sleep(1.0)  # lets cancelled tasks end
         return one
 
     return run_virtual(main)
@@ -90,8 +90,8 @@ def played(kind: str, scenario: str) -> ScenarioResult[RobotEvidence]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scenario", [*SCENARIOS])
-def test_our_own_link_passes(kind: str, scenario: str) -> None:
-    one = played(kind, scenario)
+def test_own_robot_link_passes(kind: str, scenario: str) -> None:
+    one = run_scenario(kind, scenario)
     assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
     assert one.not_modelled == ()
     if scenario != "refused":

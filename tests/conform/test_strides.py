@@ -1,4 +1,4 @@
-"""Leaps, turns and speeds of orders, by a robot's facts and by the client's own pace."""
+"""Leaps, turns and speeds of orders, judged by a robot's facts and the client's own rate."""
 
 import math
 
@@ -13,8 +13,8 @@ from hil_bridge.lab.conform.verdict import Outcome
 from protocol.geometry import Pose, turn_by
 
 STREAM = Reach(0.004, 0.25, 1.0)
-"""1 mm and 4 mrad in a cycle."""
-PLANNED = Reach(0.004, 0.02, 1.0, own_way=True)
+"""1 mm and 4 mrad per cycle."""
+PLANNED = Reach(0.004, 0.02, 1.0, plans_own_path=True)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 TOOL = Pose((0.0, 0.0, 0.0), LEVEL)
 
@@ -25,7 +25,7 @@ def order(at: float, z: float, turn: float = 0.0, reach: Reach | None = STREAM) 
 
 
 def path(orders: list[ReceivedOrder]) -> list[Stride]:
-    """Their strides, with a tool that stands at the begin."""
+    """Return the strides of these orders, with a tool that is stationary at the start."""
     strides = Strides(0.05)
     return [strides.take(each, TOOL) for each in orders]
 
@@ -37,14 +37,14 @@ def steady(
 
 
 @pytest.mark.parametrize("period", [0.004, 0.02, 0.04])
-def test_a_steady_path_of_any_pace_leaps_nowhere(period: float) -> None:
+def test_steady_path_of_any_rate_has_no_leap(period: float) -> None:
     strides = path(steady(100, period, 0.1))
     assert not any(stride.leaps or stride.turns for stride in strides)
     assert strides[-1].speed_m_s == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("sent", [(0.2, 0.4, 0.8, -0.4), (0.8, -0.4, 0.2, 0.4), (-0.4, 0.2, 0.4, 0.8)])
-def test_a_quaternion_whose_w_stands_at_the_wrong_end_is_named(
+def test_quaternion_in_wrong_order_is_named(
     sent: tuple[float, float, float, float],
 ) -> None:
     tool = Pose((0.0, 0.0, 0.0), (-0.4, 0.2, 0.4, 0.8))
@@ -52,16 +52,18 @@ def test_a_quaternion_whose_w_stands_at_the_wrong_end_is_named(
         ReceivedOrder(0.0, Act.MOTION, "pose", True, Pose(tool.position, sent), reach=STREAM), tool
     )
     assert stride.turns == stride.w_misplaced == (sent != tool.quaternion)
-    seen = RobotEvidence(
+    observed = RobotEvidence(
         contact_at=0.1, moved_at=0.3, turns=1, largest_turn_rad=stride.turn_rad, w_misplaced=True, exit_code=0
     )
-    assert "the w of its quaternion seems to be at the wrong end" in judge("nominal", seen, Rules()).reason
-    assert not path([order(0.0, 0.0), order(0.004, 0.0, 2.0)])[-1].w_misplaced, "a turn of another kind"
+    assert (
+        "the w of its quaternion seems to be at the wrong end" in judge("nominal", observed, Rules()).reason
+    )
+    assert not path([order(0.0, 0.0), order(0.004, 0.0, 2.0)])[-1].w_misplaced, "a different kind of turn"
 
 
 @pytest.mark.parametrize("period", [0.004, 0.02])
 @pytest.mark.parametrize("reach", [STREAM, PLANNED])
-def test_a_leap_of_18_mm_after_a_gap_is_one_by_default(period: float, reach: Reach) -> None:
+def test_leap_of_18_mm_after_gap_is_reported_by_default(period: float, reach: Reach) -> None:
     orders = steady(50, period, 0.018, reach)
     last = orders[-1]
     assert last.pose is not None
@@ -69,20 +71,20 @@ def test_a_leap_of_18_mm_after_a_gap_is_one_by_default(period: float, reach: Rea
     assert [stride.leaps for stride in strides] == [False] * 50 + [True]
 
 
-def test_a_client_that_goes_on_where_it_stood_after_a_gap_does_not_leap() -> None:
+def test_client_resuming_after_gap_does_not_leap() -> None:
     orders = steady(50, 0.004, 0.02)
     assert not path([*orders, order(3.0, 50 * 0.004 * 0.02)])[-1].leaps
     assert not path([*orders, order(3.0, 0.0)])[-1].leaps  # where the tool is
 
 
-def test_a_step_behind_a_short_pause_of_the_computer_is_no_leap() -> None:
+def test_step_after_short_computer_pause_is_no_leap() -> None:
     orders = steady(50, 0.004, 0.2)
     late = 49 * 0.004 + 0.03
     assert not path([*orders, order(late, late * 0.2)])[-1].leaps
     assert path([*orders, order(late, late * 0.2 + 0.004)])[-1].leaps
 
 
-def test_the_first_order_is_judged_from_the_tool() -> None:
+def test_first_order_is_judged_from_tool_position() -> None:
     assert path([order(0.0, 0.03)])[0].leaps
     turned = path([order(0.0, 0.0, math.radians(120.0))])[0]
     assert turned.turns
@@ -90,7 +92,7 @@ def test_the_first_order_is_judged_from_the_tool() -> None:
     assert not path([order(0.0, 0.001, 0.01)])[0].leaps
 
 
-def test_a_planned_way_to_the_begin_is_no_leap_and_a_turn_is_told_once_the_client_streams() -> None:
+def test_planned_move_to_start_is_no_leap() -> None:
     strides = path(
         [order(0.0, 0.1, 0.0, PLANNED), *[order(0.1 * k, 0.1 + 1e-3 * k, 0.0, PLANNED) for k in range(1, 30)]]
     )
@@ -100,11 +102,11 @@ def test_a_planned_way_to_the_begin_is_no_leap_and_a_turn_is_told_once_the_clien
     assert max(stride.turn_rad for stride in strides) == pytest.approx(2.0)
 
 
-def test_a_move_that_the_robot_plans_is_any_step() -> None:
+def test_planned_move_allows_any_step() -> None:
     assert not path([order(0.0, 0.5, 2.0, None), order(5.0, 0.0, 0.0, None)])[-1].leaps
 
 
-def test_an_ordered_speed_above_the_robots_is_told() -> None:
+def test_order_above_robot_speed_is_reported() -> None:
     fast = ReceivedOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))
     assert Strides(0.05).take(fast, TOOL).rushes
     assert not Strides(0.05).take(fast._replace(speed=(0.2, 0.0)), TOOL).rushes
@@ -120,7 +122,7 @@ def watched(orders: list[ReceivedOrder]) -> RobotEvidence:
     return watch.seen
 
 
-def test_each_fails_with_its_figure_and_a_rule_takes_its_place() -> None:
+def test_each_violation_reports_figure_and_rule() -> None:
     leap = watched([*steady(50, 0.004, 0.02), order(1.0, 0.03)])
     assert "1 of its orders leap, by up to 26.1 mm" in judge("nominal", leap, Rules()).reason
     assert judge("nominal", leap, Rules(max_step_mm=30.0)).outcome is Outcome.PASSED
@@ -137,7 +139,7 @@ def test_each_fails_with_its_figure_and_a_rule_takes_its_place() -> None:
     assert rush.largest_speed_m_s == pytest.approx(20.0)
 
 
-def test_a_tool_that_gains_the_robots_speed_at_once_was_driven_by_no_path() -> None:
+def test_instant_full_speed_is_not_a_path() -> None:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
     watch.receive(order(0.0, 0.0))
     for k, speed in enumerate((0.0, 0.0, 0.2, -0.2)):
@@ -150,7 +152,7 @@ def test_a_tool_that_gains_the_robots_speed_at_once_was_driven_by_no_path() -> N
     assert judge("nominal", watch.seen, Rules(speed_up_s=0.0)).outcome is Outcome.PASSED
 
 
-def test_breaches_of_the_wire_fail_where_they_are_many() -> None:
+def test_many_wire_violations_fail() -> None:
     orders = steady(50, 0.004, 0.02)
     few = [each._replace(breach="number 1" if k < 3 else "") for k, each in enumerate(orders)]
     assert judge("nominal", watched(few), Rules()).outcome is Outcome.PASSED
@@ -160,17 +162,17 @@ def test_breaches_of_the_wire_fail_where_they_are_many() -> None:
     )
 
 
-def test_what_this_emulator_does_not_have_is_skipped_with_the_reason() -> None:
+def test_unsupported_scenario_is_skipped_with_reason() -> None:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
-    watch.receive(ReceivedOrder(1.0, Act.REFUSED, "joints, and EGM runs in mode pose", False))
-    seen = watch.seen
-    seen.exit_code, seen.ended_at = 1, 2.0
-    verdict = judge("nominal", seen, Rules())
+    watch.receive(ReceivedOrder(1.0, Act.REFUSED, "joints, but EGM runs in mode pose", False))
+    observed = watch.seen
+    observed.exit_code, observed.ended_at = 1, 2.0
+    verdict = judge("nominal", observed, Rules())
     assert verdict.outcome is Outcome.SKIPPED
-    assert "this emulated robot does not support: joints, and EGM runs in mode pose" in verdict.reason
-    seen.exit_code = -11
-    assert judge("nominal", seen, Rules()).outcome is Outcome.FAILED
-    seen.exit_code = 1
-    watch.receive(order(2.0, 0.01))  # it moved the tool by an order that the robot took, and is judged
-    seen.moved_at = 2.0
-    assert judge("nominal", seen, Rules()).outcome is Outcome.FAILED
+    assert "this emulated robot does not support: joints, but EGM runs in mode pose" in verdict.reason
+    observed.exit_code = -11
+    assert judge("nominal", observed, Rules()).outcome is Outcome.FAILED
+    observed.exit_code = 1
+    watch.receive(order(2.0, 0.01))  # an accepted order moved the tool, so it is judged
+    observed.moved_at = 2.0
+    assert judge("nominal", observed, Rules()).outcome is Outcome.FAILED

@@ -1,4 +1,4 @@
-"""The paper's simulation: a controller on a wall, through a robot that knows whole resolution steps only."""
+"""The paper's simulation: a controller on a wall, with a robot that only reports whole resolution steps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,21 +24,21 @@ class WallRun:
 def press_on_wall(
     controller, stiffness: float, seed: int, reference: float = 50.0, samples: int = 200
 ) -> WallRun:
-    """Start in contact at zero force; the position loop settles within a sample; noise is uniform ±0.5 N."""
+    """Simulate a start in contact at zero force; the position loop settles within a sample; noise is uniform ±0.5 N."""
     noise, state, commanded = Random(seed), controller.initial(), 0.0
-    forces, words, estimates = [], [], []
+    forces, commands, estimates = [], [], []
     for k in range(samples):
         position = round(commanded / STEP) * STEP
         force = stiffness * max(position, 0.0) + noise.uniform(-0.5, 0.5)
         measurement = Measurement(k * PERIOD, force, position, commanded)
         state, command = controller.step(state, measurement, reference)
         forces.append(force)
-        words.append(position)
+        commands.append(position)
         estimates.append(command.stiffness)
         commanded = command.position
     times = [k * PERIOD for k in range(samples)]
-    merit = figures_of_merit(ForceTrace(times, forces, reference, words, [True] * samples))
-    return WallRun(forces, words, estimates, merit)
+    merit = figures_of_merit(ForceTrace(times, forces, reference, commands, [True] * samples))
+    return WallRun(forces, commands, estimates, merit)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""A run without steps, sample by sample: an approach, a straight way, a retraction."""
+"""Run without steps, sample by sample: an approach, a straight path, a retraction."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -28,11 +28,11 @@ from protocol.geometry import Vector
 
 DOWN, ALONG, ACROSS = (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
 START = (0.9, 0.0, 0.6)
-"""Where the tool of `walk` begins, m."""
+"""Start position of the tool in `walk`, m."""
 DT = 0.012
-"""Its sample time, s."""
+"""Sample time of `walk`, s."""
 LONG_S = 1e6
-"""Time of tracking that no test comes to, s."""
+"""Time of tracking that no test reaches, s."""
 
 
 def plain_program(
@@ -42,7 +42,7 @@ def plain_program(
     position_step: float | None = None,
     duration_s: float = LONG_S,
 ) -> Program:
-    """The program of a run without steps."""
+    """Return the program of a run without steps."""
     stroke = Stroke(parameters, controller, limit, position_step)
     limits = Limits(force_limit_n=min(limit, Limits().force_limit_n))
     row = legs_of(plain_steps(parameters, duration_s), Ground(stroke, limits), written=False)
@@ -50,22 +50,23 @@ def plain_program(
 
 
 def guarded(steps: Sequence[Step], stroke: Stroke, limits: Limits) -> ControlLoop:
-    """These steps under the guard."""
+    """Return a control loop that runs these steps under the guard."""
     program = Program(legs_of(steps, Ground(stroke, limits)), stroke, WorkFrame(DOWN, ALONG, ACROSS))
     return ControlLoop(program, Supervisor(limits), sample_time=DT)
 
 
 def walk(
-    loop: ControlLoop, tell: Callable[[LoopState, float, Vector], dict[str, Any]], most: int = 3000
+    loop: ControlLoop, respond: Callable[[LoopState, float, Vector], dict[str, Any]], most: int = 3000
 ) -> list[Decision]:
-    """Decisions until the run ends, of a robot that is where it is sent. `tell` gives the force and further parts of a
-    sample, by the state before it, the time since the begin, s, and the way from the start point, m: deep, x, y.
+    """Return the decisions until the run ends, for a robot that follows its orders exactly. `respond` returns the force
+    and further parts of a sample; its arguments are the state before the sample, the time since the start, s, and the
+    displacement from the start position, m: depth, x, y.
     """
     state, position = loop.initial(START), START
     decisions: list[Decision] = []
     for k in range(most):
-        x, y, z = (at - begin for at, begin in zip(position, START, strict=True))
-        parts = tell(state, k * DT, (-z, y, -x))
+        x, y, z = (at - start for at, start in zip(position, START, strict=True))
+        parts = respond(state, k * DT, (-z, y, -x))
         now, force = 100.0 + k * DT, parts.pop("force")
         sample = Sample(now, position, force, abs(force), now - 1e-3, k, **parts)
         state, decision = loop.step(state, sample)
@@ -77,7 +78,7 @@ def walk(
 
 
 class PlainRun:
-    """Takes measurements through such a program, in places along the way that was ordered."""
+    """Adapter that passes measurements to a program without steps, at the ordered positions along the path."""
 
     def __init__(
         self,
@@ -97,21 +98,25 @@ class PlainRun:
         return self.program.finish(state, reason)
 
     def step(self, state: ProgramState, measurement: Measurement) -> tuple[ProgramState, Intent]:
-        return self.program.step(*sense(self.program, state, felt_of(measurement, state.step.at)))
+        return self.program.step(*sense(self.program, state, contact_of(measurement, state.step.at)))
 
 
-def sense(program: Program, state: ProgramState, felt: ContactSample) -> tuple[ProgramState, ContactSample]:
-    """The sample of a tool that began at 0, 0, 0, as this program sees it."""
-    measurement = felt.measurement
-    return program.sense(state, felt.sample, (0.0, 0.0, 0.0), measurement.commanded, measurement.dt)
+def sense(
+    program: Program, state: ProgramState, contact: ContactSample
+) -> tuple[ProgramState, ContactSample]:
+    """Return the sample as this program sees it, of a tool that started at 0, 0, 0."""
+    measurement = contact.measurement
+    return program.sense(state, contact.sample, (0.0, 0.0, 0.0), measurement.commanded, measurement.dt)
 
 
-def felt_of(
-    measurement: Measurement, place: tuple[float, float] = (0.0, 0.0), aside: tuple[float, float] = (0.0, 0.0)
+def contact_of(
+    measurement: Measurement,
+    travelled: tuple[float, float] = (0.0, 0.0),
+    aside: tuple[float, float] = (0.0, 0.0),
 ) -> ContactSample:
-    """A sample as a program sees it, of a tool that points down; `aside` are the forces along x and y, N."""
+    """Return a program's sample of a tool that points down; `aside` holds the forces along x and y, N."""
     force = measurement.force
-    position = place[0], place[1], -measurement.position
+    position = travelled[0], travelled[1], -measurement.position
     sample = Sample(
         measurement.time,
         position,
@@ -124,4 +129,4 @@ def felt_of(
         paired_force=measurement.paired_force,
         force_across=aside[1],
     )
-    return ContactSample(sample, measurement, place, (force, *aside), (0.0,) * 6)
+    return ContactSample(sample, measurement, travelled, (force, *aside), (0.0,) * 6)

@@ -1,4 +1,4 @@
-"""What the guard makes of an order that is too far, in any direction: against numpy."""
+"""Clamping of orders in any direction, compared with numpy."""
 
 import math
 
@@ -26,17 +26,17 @@ def clamped(
     limits: Limits,
     state: SupervisorState,
     depth: float,
-    place: NDArray[np.float64],
+    position: NDArray[np.float64],
     direction: NDArray[np.float64],
 ) -> Allow | Clamp:
-    asked = Request(depth, place_of(place), place_of(direction))
-    _, verdict = Supervisor(limits).step(state, observation(5.0, sensor_at=99.99), asked)
+    requested = Request(depth, place_of(position), place_of(direction))
+    _, verdict = Supervisor(limits).step(state, observation(5.0, sensor_at=99.99), requested)
     assert isinstance(verdict, Allow | Clamp)
     return verdict
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_the_part_into_the_surface_and_the_part_across_are_cut_each_by_its_own_limit(seed: int) -> None:
+def test_clamp_limits_depth_and_travel_separately(seed: int) -> None:
     draw = np.random.default_rng(seed)
     direction = draw.normal(size=3)
     direction /= np.linalg.norm(direction)
@@ -46,9 +46,9 @@ def test_the_part_into_the_surface_and_the_part_across_are_cut_each_by_its_own_l
     deeper = draw.uniform(-3.0, 3.0) * DEEPEST
     state = SupervisorState(at, place_of(before))
     verdict = clamped(LIMITS, state, at + deeper, before + direction * deeper + aside, direction)
-    given, length = min(deeper, DEEPEST), float(np.linalg.norm(aside))
-    expected = before + direction * given + aside * min(1.0, LONGEST / length)
-    assert verdict.depth == pytest.approx(at + given, abs=1e-12)
+    deepening, length = min(deeper, DEEPEST), float(np.linalg.norm(aside))
+    expected = before + direction * deepening + aside * min(1.0, LONGEST / length)
+    assert verdict.depth == pytest.approx(at + deepening, abs=1e-12)
     assert verdict.position == pytest.approx(expected, abs=1e-9)
     causes = [Cause.DEEPER] * (deeper > DEEPEST) + [Cause.ACROSS] * (length > LONGEST + 1e-9)
     assert [hold.cause for hold in getattr(verdict, "holds", ())] == causes
@@ -56,9 +56,7 @@ def test_the_part_into_the_surface_and_the_part_across_are_cut_each_by_its_own_l
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_every_border_of_the_box_holds_and_a_border_beside_the_way_does_not_hold_the_depth(
-    axis: int, side: float
-) -> None:
+def test_clamp_border_does_not_hold_depth(axis: int, side: float) -> None:
     box = Limits(workspace_min_m=(-0.1, -0.1, -0.1), workspace_max_m=(0.1, 0.1, 0.1))
     outwards = np.eye(3)[axis] * side
     before = outwards * 0.0999
@@ -74,7 +72,7 @@ def test_every_border_of_the_box_holds_and_a_border_beside_the_way_does_not_hold
     assert into.position == pytest.approx(before + outwards * 1e-4, abs=1e-12)
 
 
-def test_a_way_out_of_the_box_along_a_slanting_approach_ends_at_its_border() -> None:
+def test_clamp_slanted_approach_ends_at_border() -> None:
     box = Limits(workspace_min_m=(-0.1, -0.1, -0.1), workspace_max_m=(0.1, 0.1, 0.1))
     direction = np.array((0.48, -0.6, 0.64))
     before = np.array((0.05, -0.0994, 0.02))

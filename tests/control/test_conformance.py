@@ -1,4 +1,4 @@
-"""Our own controllers pass what is asked of those of others, and the questions can be failed."""
+"""Conformance suite of controllers: built-in ones pass, and faulty ones fail."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +28,7 @@ def controller(request):
 
 @dataclass(frozen=True)
 class Proportional:
-    """A right one, to be spoilt."""
+    """A correct controller, used as the base of faulty ones."""
 
     name = "proportional"
     gain: float = 1e-5
@@ -109,19 +109,19 @@ class Mistyped(Proportional):
         (Mistyped, "test_parameters_can_be_read_from_a_configuration"),
     ],
 )
-def test_a_spoilt_controller_fails(kind, test):
+def test_suite_faulty_controller_fails(kind, test):
     with pytest.raises((AssertionError, pytest.fail.Exception, ValidationError)):
         getattr(controllers, test)(kind())
 
 
-def test_a_controller_that_believes_everything_fails():
+def test_suite_controller_without_input_checks_fails():
     with pytest.raises(AssertionError, match="force nan"):
         controllers.test_measurement_that_is_not_a_number_moves_nothing(Trusting(), "force", float("nan"))
 
 
-def test_every_test_is_offered():
+def test_suite_contains_every_test():
     assert set(controllers.__all__) == {name for name in dir(controllers) if name.startswith("test_")}
 
 
-def test_one_that_always_moves_away_is_not_blamed_for_chasing():
+def test_suite_retreating_controller_passes_chasing_test():
     controllers.test_contact_that_is_lost_is_not_chased_faster(WrongSign())

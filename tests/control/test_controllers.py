@@ -28,7 +28,7 @@ def sample(force, position=0.0, commanded=0.0, in_contact=True):
 
 
 def learnt(controller, stiffness, force=10.0):
-    """State after a pair of samples that shows this stiffness, ending at `force` and position 1 mm."""
+    """State after a pair of samples with this stiffness, ending at `force` and position 1 mm."""
     state, _ = controller.step(controller.initial(), sample(force - stiffness * 1e-3, 0.0), 10.0)
     state, command = controller.step(state, sample(force, 1e-3, 1e-3), 10.0)
     assert command.stiffness == pytest.approx(stiffness)
@@ -36,14 +36,14 @@ def learnt(controller, stiffness, force=10.0):
 
 
 @ALL
-def test_too_much_force_moves_away_and_too_little_moves_in(controller):
+def test_controller_moves_against_the_force_error(controller):
     for force, sign in ((20.0, -1), (0.0, 1)):
         _, command = controller.step(controller.initial(), sample(force, commanded=3e-3), 10.0)
         assert (command.position - 3e-3) * sign > 0
         assert command.correction == pytest.approx(command.position - 3e-3)
 
 
-def test_fuzzy_output_is_table_times_step_plus_the_last_command():
+def test_fuzzy_output_is_table_times_step_plus_command():
     controller = FuzzyPi()
     state, first = controller.step(controller.initial(), sample(0.0), 50.0)
     assert first.explanation.items() >= {"level_error": -6, "level_change": 0, "level_output": 4}.items()
@@ -65,7 +65,7 @@ def test_surface_and_scale_are_parameters():
 @pytest.mark.parametrize(
     ("stiffness", "gain"), [(9e3, 1.0), (1e4, 1.0), (1.1e4, 0.5), (9.9e4, 0.5), (1e5, 0.5), (1.1e5, 0.25)]
 )
-def test_gain_rule(stiffness, gain):
+def test_scheduled_gain_follows_the_paper(stiffness, gain):
     assert scheduled_gain(stiffness) == gain
 
 
@@ -79,14 +79,14 @@ def test_adaptive_command_is_equation_5_plus_scaled_correction():
     assert command.position == pytest.approx(expected + command.correction)
 
 
-def test_resolution_aware_commands_the_feedforward_alone():
+def test_resolution_aware_commands_only_feedforward():
     _, command = learnt(ResolutionAware(), 2e4, force=40.0)
     assert command.position == pytest.approx(1e-3 - 30.0 / 2e4)
     assert command.correction == 0.0
     assert not command.held
 
 
-def test_resolution_aware_holds_within_half_a_step_and_uncertainty():
+def test_resolution_aware_holds_within_dead_band():
     controller = ResolutionAware(force_uncertainty_n=0.5)
     state, _ = learnt(controller, 2e4)
     band = 2e4 * 0.125e-3 / 2 + 0.5
@@ -99,7 +99,7 @@ def test_resolution_aware_holds_within_half_a_step_and_uncertainty():
 
 
 @pytest.mark.parametrize("kind", [FuzzyAdaptive, ResolutionAware])
-def test_after_contact_loss_the_estimate_stays(kind):
+def test_adaptive_estimate_survives_contact_loss(kind):
     controller = kind()
     state, _ = learnt(controller, 5e3)
     state, command = controller.step(state, sample(0.0, 1e-3, 1e-3, in_contact=False), 10.0)
@@ -112,7 +112,7 @@ def test_after_contact_loss_the_estimate_stays(kind):
 
 
 @pytest.mark.parametrize("kind", [FuzzyAdaptive, ResolutionAware])
-def test_feedforward_limit_bounds_the_move_of_a_wild_estimate(kind):
+def test_feedforward_limit_bounds_move_of_wrong_estimate(kind):
     controller = kind(feedforward_limit_mm=0.5)
     state, _ = learnt(controller, 2000.0, force=6.0)
     _, command = controller.step(state, sample(6.0, 1e-3, 1e-3), 10.0)
@@ -124,7 +124,7 @@ def test_feedforward_limit_bounds_the_move_of_a_wild_estimate(kind):
 @ALL
 @pytest.mark.parametrize("field", ["force", "position"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_measurement_that_is_not_finite_moves_nothing(controller, field, value):
+def test_non_finite_measurement_causes_no_motion(controller, field, value):
     state, _ = controller.step(controller.initial(), sample(2.0), 10.0)
     bad = Measurement(**{"time": 0.0, "force": 1.0, "position": 0.0, "commanded": 7e-3} | {field: value})
     after, command = controller.step(state, bad, 10.0)
@@ -141,19 +141,19 @@ def test_reference_must_be_above_zero(controller, reference):
 
 @ALL
 @given(samples=st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.booleans()), max_size=8))
-def test_same_inputs_give_the_same_finite_answers(controller, samples):
+def test_controllers_are_pure_and_finite(controller, samples):
     answers = []
     for _ in range(2):
-        state, said = controller.initial(), []
+        state, commands = controller.initial(), []
         for force, position, commanded, touching in samples:
             state, command = controller.step(state, sample(force, position, commanded, touching), 10.0)
             assert math.isfinite(command.position)
-            said.append(command)
-        answers.append(said)
+            commands.append(command)
+        answers.append(commands)
     assert answers[0] == answers[1]
 
 
-def test_registry_makes_by_name_and_names_what_is_wrong():
+def test_make_controller_by_name_reports_errors():
     assert make_controller("fuzzy", output_step_mm=0.25) == FuzzyPi(output_step_mm=0.25)
     assert all(make_controller(name).name == name for name in CONTROLLERS)
     with pytest.raises(ConfigError, match="choose one of fuzzy, fuzzy-adaptive, resolution-aware"):
@@ -172,7 +172,7 @@ FUZZY = pytest.mark.parametrize("kind", [FuzzyPi, FuzzyAdaptive, ResolutionAware
 
 
 @FUZZY
-def test_parameters_are_read_by_pydantic(kind):
+def test_controller_parameters_are_validated_by_pydantic(kind):
     model = TypeAdapter(kind)
     assert model.validate_python({"surface": "rules"}) == kind(surface=Surface.RULES)
     for wrong in ({"surface": "smooth"}, {"output_step_mm": -1}):
@@ -181,7 +181,7 @@ def test_parameters_are_read_by_pydantic(kind):
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS.values())
-def test_parameters_that_no_controller_has_are_refused(kind):
+def test_unknown_controller_parameter_is_refused(kind):
     model = TypeAdapter(kind)
     assert model.json_schema()["additionalProperties"] is False
     with pytest.raises(ValidationError):

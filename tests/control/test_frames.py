@@ -38,7 +38,7 @@ def test_rotation_is_orthogonal_and_right_handed(quaternion):
 
 
 @pytest.mark.parametrize("wrong", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (math.inf, 0, 0, 0), (1, 0, 0)])
-def test_impossible_quaternion_is_refused(wrong):
+def test_invalid_quaternion_is_refused(wrong):
     with pytest.raises(ValueError, match="not a rotation"):
         rotation_matrix(wrong)
 
@@ -53,7 +53,7 @@ def test_power_is_the_same_in_every_frame(quaternion, origin, wrench, twist):
 
 
 @given(QUATERNION, VECTOR, SIX)
-def test_wrench_there_and_back(quaternion, origin, wrench):
+def test_wrench_round_trip_is_identity(quaternion, origin, wrench):
     rotation = rotation_matrix(quaternion)
     there = transform_wrench(rotation, origin, wrench)
     back = transform_wrench(rotation.T, -rotation.T @ np.array(origin), there)
@@ -75,18 +75,18 @@ def test_weight_of_a_tool_upright_and_on_its_side():
 
 
 @given(QUATERNION, VECTOR, st.floats(0.1, 20))
-def test_weight_in_the_base_is_always_straight_down(quaternion, centre, mass):
+def test_weight_in_base_frame_is_vertical(quaternion, centre, mass):
     wrench = tool_gravity_wrench(quaternion, mass, centre)
     assert rotate(quaternion, wrench[:3]) == pytest.approx([0, 0, -mass * 9.80665], abs=1e-9)
 
 
-def test_force_is_positive_while_the_tool_presses_down_on_a_table():
+def test_force_along_is_positive_while_pressing():
     # The table pushes up: along −z of a tool that points down.
     assert force_along((0, 0, -1), DOWN, (0, 0, -10, 0, 0, 0)) == pytest.approx(10.0)
 
 
 @given(QUATERNION, QUATERNION, VECTOR)
-def test_force_along_does_not_depend_on_the_tools_frame(one, other, force_base):
+def test_force_along_is_independent_of_tool_frame(one, other, force_base):
     assume(math.hypot(*force_base) > 1e-3)
     readings = [
         force_along((0.6, 0.0, 0.8), q, [*(rotation_matrix(q).T @ np.array(force_base)), 0, 0, 0])
@@ -96,14 +96,14 @@ def test_force_along_does_not_depend_on_the_tools_frame(one, other, force_base):
 
 
 @given(QUATERNION)
-def test_a_matrix_and_its_quaternion_are_one_turn(quaternion):
+def test_matrix_and_quaternion_are_the_same_rotation(quaternion):
     matrix = rotation_matrix(quaternion)
-    found = quaternion_of(matrix)
-    assert math.hypot(*found) == pytest.approx(1.0, abs=1e-12)
-    assert np.abs(rotation_matrix(found) - matrix).max() < 1e-12
+    result = quaternion_of(matrix)
+    assert math.hypot(*result) == pytest.approx(1.0, abs=1e-12)
+    assert np.abs(rotation_matrix(result) - matrix).max() < 1e-12
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_half_turns_have_a_quaternion_too(axis):
+def test_quaternion_of_half_turn_is_valid(axis):
     quaternion = (0.0, *(float(k == axis) for k in range(3)))
     assert quaternion_of(rotation_matrix(quaternion)) == quaternion

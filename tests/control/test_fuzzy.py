@@ -24,7 +24,7 @@ def entry(matrix, error, change):
     return matrix[error + 6][change + 6]
 
 
-def test_rules_reproduce_all_but_one_entry_of_the_printed_matrix():
+def test_rules_reproduce_printed_matrix_except_one_entry():
     computed = computed_matrix()
     differing = [(e, c) for e in LEVELS for c in LEVELS if entry(computed, e, c) != entry(GAIN_MATRIX, e, c)]
     assert differing == [(6, 0)]
@@ -33,7 +33,7 @@ def test_rules_reproduce_all_but_one_entry_of_the_printed_matrix():
     assert infer(6, 0) == pytest.approx(-3.90625)
 
 
-def test_printed_rows_as_the_paper_has_them():
+def test_printed_rows_match_the_paper():
     # Table 3, rows +6, 0 and −3 read from the page.
     assert GAIN_MATRIX[12] == (0, 0, -1, -2, -3, -4, -5, -5, -5, -5, -5, -5, -5)
     assert GAIN_MATRIX[6] == (3, 3, 3, 2, 1, 0, 0, 0, -1, -2, -3, -3, -3)
@@ -41,7 +41,7 @@ def test_printed_rows_as_the_paper_has_them():
 
 
 @given(LEVEL, LEVEL)
-def test_printed_matrix_is_antisymmetric_but_for_the_one_pair(error, change):
+def test_printed_matrix_is_antisymmetric_except_one_pair(error, change):
     total = entry(GAIN_MATRIX, error, change) + entry(GAIN_MATRIX, -error, -change)
     assert total == (-1 if abs(error) == 6 and change == 0 else 0)
 
@@ -53,7 +53,7 @@ def test_surfaces_of_the_rules_are_antisymmetric(error, change, surface):
 
 
 @pytest.mark.parametrize("surface", Surface)
-def test_no_surface_moves_without_error_or_pushes_at_large_force(surface):
+def test_surfaces_do_not_push_at_zero_or_large_error(surface):
     assert evaluate(surface, 0.0, 0.0).level_output == pytest.approx(0.0, abs=1e-12)
     assert evaluate(surface, 100.0, 0.0).level_output < -3
     assert evaluate(surface, -100.0, 0.0).level_output > 3
@@ -81,11 +81,11 @@ def test_quantiser_is_monotone_and_odd(edges, a, b):
         (51.1, 6),
     ],
 )
-def test_value_on_an_edge_belongs_to_the_level_nearer_zero(percent, level):
+def test_quantise_edge_belongs_to_level_nearer_zero(percent, level):
     assert quantise(percent, ERROR_EDGES_PERCENT) == level
 
 
-def test_infinities_saturate_and_not_a_number_is_refused():
+def test_quantise_infinity_saturates_and_nan_raises():
     assert quantise(math.inf, ERROR_EDGES_PERCENT) == 6
     assert quantise(-math.inf, CHANGE_EDGES_PERCENT) == -6
     with pytest.raises(ValueError, match="not a number"):
@@ -95,7 +95,7 @@ def test_infinities_saturate_and_not_a_number_is_refused():
 
 
 @given(PERCENT, PERCENT)
-def test_a_continuous_level_is_monotone_and_near_the_quantised_one(a, b):
+def test_continuous_level_is_near_quantised_level(a, b):
     low, high = (evaluate(Surface.CONTINUOUS, percent, percent) for percent in sorted((a, b)))
     assert low.level_error <= high.level_error + 1e-9
     assert low.level_change <= high.level_change + 1e-9
@@ -111,7 +111,7 @@ def test_inference_stays_within_the_levels_and_is_continuous(error, change):
     assert near == pytest.approx(here, abs=1e-4)
 
 
-def test_every_level_belongs_to_some_value_and_memberships_mirror():
+def test_memberships_cover_levels_and_are_symmetric():
     assert all(any(shape[i] for shape in MEMBERSHIPS.values()) for i in range(13))
     for left, right in (("NB", "PB"), ("NM", "PM"), ("NS", "PS"), ("ZO", "ZO")):
         assert MEMBERSHIPS[left] == MEMBERSHIPS[right][::-1]

@@ -1,4 +1,4 @@
-"""Fuzzy controllers with a rule base from a file, and what they say about their answers."""
+"""Fuzzy controllers with a rule base from a file, and the explanations of their answers."""
 
 from dataclasses import replace
 
@@ -27,13 +27,13 @@ def answer(controller, force=0.0, reference=50.0):
 
 @KINDS
 @pytest.mark.parametrize("surface", ["paper", "rules", "continuous"])
-def test_a_rule_base_of_ones_own_takes_the_papers_place(kind, surface, timid):
+def test_fuzzy_custom_rule_base_replaces_the_papers(kind, surface, timid):
     assert answer(kind(surface=surface)).correction > 0.0
     assert answer(kind(surface=surface, rules_file=timid)).correction == pytest.approx(0.0, abs=1e-12)
 
 
 @KINDS
-def test_every_answer_names_the_rules_that_fired(kind):
+def test_fuzzy_answer_names_fired_rules(kind):
     explanation = answer(kind()).explanation
     assert explanation["NB∧ZO→PB"] == 1.0
     assert explanation["NM∧PS→PS"] == 0.3
@@ -42,7 +42,7 @@ def test_every_answer_names_the_rules_that_fired(kind):
 
 
 @KINDS
-def test_the_file_is_a_parameter_like_others(kind, timid, tmp_path):
+def test_fuzzy_rules_file_is_a_parameter(kind, timid, tmp_path):
     assert TypeAdapter(kind).validate_python({"rules_file": timid}) == kind(rules_file=timid)
     assert kind(rules_file=timid) != kind()
     assert hash(kind(rules_file=timid)) == hash(kind(rules_file=timid))

@@ -20,7 +20,7 @@ def sample(force, time=0.0, position=0.0, commanded=0.0):
 
 
 def learnt(controller, stiffness, force=10.0):
-    """State after a pair that shows this stiffness, at the desired force."""
+    """State after a pair with this stiffness, at the desired force."""
     state, _ = controller.step(controller.initial(), sample(force - stiffness * 2e-3), force)
     state, _ = controller.step(state, sample(force, 0.18, 2e-3, 2e-3), force)
     return state
@@ -46,7 +46,7 @@ def test_admittance_is_the_exact_answer_of_mass_and_damper():
     assert second.correction == pytest.approx(state.velocity * 0.1 * (1 - math.exp(-5.0)))
 
 
-def test_with_a_spring_the_body_rests_short_of_the_desired_force():
+def test_admittance_with_spring_has_steady_error():
     controller = Admittance(spring_n_m=5e3)
     state, commanded = controller.initial(), 0.0
     for k in range(200):
@@ -55,7 +55,7 @@ def test_with_a_spring_the_body_rests_short_of_the_desired_force():
     assert 5e3 * commanded == pytest.approx(5.0, rel=1e-3)
 
 
-def test_a_body_that_was_held_back_does_not_run_on():
+def test_admittance_clamped_body_does_not_wind_up():
     controller = Admittance(correction_limit_mm=0.1)
     state, command = controller.step(controller.initial(), sample(0.0), 10.0)
     assert command.correction == pytest.approx(0.1e-3)
@@ -63,7 +63,7 @@ def test_a_body_that_was_held_back_does_not_run_on():
 
 
 @pytest.mark.parametrize("kind", [Pi, Admittance])
-def test_scheduling_scales_by_stiffness_and_is_careful_before(kind):
+def test_gain_scheduling_scales_by_stiffness(kind):
     plain, scheduled = kind(), kind(**SCHEDULED)
     before = [c.step(c.initial(), sample(4.0), 10.0)[1] for c in (plain, scheduled)]
     assert before[1].correction == pytest.approx(before[0].correction * 5e3 / 1e5)
@@ -79,7 +79,7 @@ def test_scheduling_scales_by_stiffness_and_is_careful_before(kind):
 
 
 @pytest.mark.parametrize("kind", [Pi, Admittance])
-def test_tuned_at_one_stiffness_they_need_scheduling_at_another(kind, wall):
+def test_linear_needs_scheduling_at_other_stiffness(kind, wall):
     for seed in range(5):
         plain, scheduled = wall(kind(), 1e5, seed).merit, wall(kind(**SCHEDULED), 1e5, seed).merit
         assert plain.overshoot_percent > 100
@@ -100,7 +100,7 @@ def test_tuned_at_one_stiffness_they_need_scheduling_at_another(kind, wall):
         (Admittance, {"force_uncertainty_n": math.inf}),
     ],
 )
-def test_impossible_parameters_are_refused(kind, wrong):
+def test_linear_invalid_parameters_are_refused(kind, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         kind(**wrong)
 
@@ -112,6 +112,6 @@ def test_impossible_parameters_are_refused(kind, wrong):
         )
     )
 )
-def test_the_exponential_is_that_of_scipy(matrix: NDArray[np.float64]) -> None:
-    wanted = expm(matrix)
-    assert np.allclose(exponential(matrix), wanted, rtol=1e-9, atol=1e-11 * np.abs(wanted).max())
+def test_exponential_matches_scipy(matrix: NDArray[np.float64]) -> None:
+    expected = expm(matrix)
+    assert np.allclose(exponential(matrix), expected, rtol=1e-9, atol=1e-11 * np.abs(expected).max())

@@ -1,4 +1,4 @@
-"""One cycle's decision, and what becomes of a controller that fails."""
+"""Decision of one cycle, and the handling of a failing controller."""
 
 import math
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ START = (0.9, 0.0, 0.6)
 
 @dataclass
 class Broken:
-    """Works until its step number `after`, then does what it is told to."""
+    """Controller that works until its step number `after`, then calls the failing function."""
 
     act: Any
     after: int = 3
@@ -63,7 +63,7 @@ def give_up(measurement):
 
 
 def drive(controller, cycles=60, force=8.0, **more):
-    """Contact from a depth of 2.2 mm on; the decisions until the end."""
+    """Return the decisions until the end, with contact from a depth of 2.2 mm on."""
     loop = ControlLoop(
         plain_program(TaskParameters(retract_mm=4.0), controller, position_step=0.125e-3),
         Supervisor(Limits()),
@@ -101,7 +101,7 @@ def leave(measurement):
         (leave, "SystemExit: 7"),
     ],
 )
-def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
+def test_failing_controller_retracts_and_is_named(act, why):
     state, decisions = drive(Broken(act))
     failed = next(i for i, d in enumerate(decisions) if isinstance(d.verdict, Stop))
     verdict = decisions[failed].verdict
@@ -120,13 +120,13 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     assert all(math.isfinite(value) for d in decisions for value in d.position)
 
 
-def test_what_explains_a_command_moves_nothing_and_may_be_anything():
+def test_command_explanation_may_be_any_object():
     explanation = {"found": True, "level": np.float32(0.5), "inverse": math.inf, "why": "soft", 3: object()}
     _, decisions = drive(Broken(lambda m: Command(m.commanded, 0.0, explanation=explanation)), cycles=20)
     assert not any(isinstance(decision.verdict, Stop) for decision in decisions)
 
 
-def test_an_answer_that_only_behaves_like_numbers_becomes_numbers():
+def test_number_like_command_is_converted():
     def act(measurement):
         return Command(Fraction(measurement.commanded), np.float32(0.0), True, np.int64(1), 1, {"level": 2})
 
@@ -138,15 +138,15 @@ def test_an_answer_that_only_behaves_like_numbers_becomes_numbers():
     assert type(decisions[-1].target.depth) is float
 
 
-def test_a_command_of_another_type_with_the_right_fields_becomes_a_command():
+def test_command_like_object_is_converted():
     class Own(Command, frozen=True):
-        """Of a plug-in, with a field of its own."""
+        """Command of a plug-in with an additional field."""
 
     _, decisions = drive(Broken(lambda m: Own(m.commanded, 0.0)), cycles=20)
     assert type(decisions[-1].intent.command) is Command
 
 
-def test_a_doubt_of_the_sample_holds_until_the_next_sample_has_none():
+def test_doubt_lasts_until_a_sample_without_it():
     doubts = []
     loop = ControlLoop(plain_program(TaskParameters(), Broken(give_up)), Supervisor(Limits()))
     state = loop.initial(START)
@@ -156,12 +156,12 @@ def test_a_doubt_of_the_sample_holds_until_the_next_sample_has_none():
     assert doubts == [Doubt.NONE, Doubt.AXIS, Doubt.NONE]
 
 
-def test_what_explains_a_command_is_recorded_as_numbers():
+def test_command_explanation_is_recorded_as_numbers():
     class Nameless:
         def __str__(self):
             raise RuntimeError("no name")
 
-    told = numeric_explanation(
+    reported = numeric_explanation(
         {
             "found": True,
             "level": np.float32(0.5),
@@ -171,12 +171,12 @@ def test_what_explains_a_command_is_recorded_as_numbers():
             Nameless(): None,
         }
     )
-    assert (told.pop("found"), told.pop("level")) == (1.0, 0.5)
-    assert list(told) == ["why", "big", "3", "<Nameless>"]
-    assert all(map(math.isnan, told.values()))
+    assert (reported.pop("found"), reported.pop("level")) == (1.0, 0.5)
+    assert list(reported) == ["why", "big", "3", "<Nameless>"]
+    assert all(map(math.isnan, reported.values()))
 
 
-def test_the_text_of_a_failure_is_one_line_of_whole_characters():
+def test_failure_text_is_one_valid_line():
     def act(measurement):
         raise ValueError("half \udc80\nand more")
 
@@ -187,7 +187,7 @@ def test_the_text_of_a_failure_is_one_line_of_whole_characters():
     assert "\n" not in str(state.program.course.reason)
 
 
-def test_a_controller_that_fails_in_its_first_step_is_no_different():
+def test_controller_failure_in_first_step_is_handled():
     class Stillborn(Broken):
         def initial(self):
             raise KeyError("tuning")
@@ -198,41 +198,41 @@ def test_a_controller_that_fails_in_its_first_step_is_no_different():
         assert "controller broken failed" in str(state.program.course.reason)
 
 
-def test_measurement_tells_travel_pair_and_saturation() -> None:
-    seen: list[Measurement] = []
+def test_measurement_has_travel_pair_and_saturation() -> None:
+    measurements: list[Measurement] = []
 
     def note(measurement):
-        seen.append(measurement)
+        measurements.append(measurement)
         return Command(measurement.commanded, 0.0)
 
     drive(Broken(note, after=0), cycles=12, paired_force=3.5)
-    assert {m.paired_force for m in seen} == {3.5}
+    assert {m.paired_force for m in measurements} == {3.5}
     # The robot of this test is where it was sent, so it reports the travel commanded before.
-    assert [m.travel for m in seen] == pytest.approx([k * 1e-3 for k in range(len(seen))])
-    assert [m.travel_next - m.travel for m in seen] == pytest.approx([1e-3] * len(seen))
-    assert seen[0].free_position == pytest.approx(2e-3)
-    assert seen[0].position == pytest.approx(2.5e-3)
+    assert [m.travel for m in measurements] == pytest.approx([k * 1e-3 for k in range(len(measurements))])
+    assert [m.travel_next - m.travel for m in measurements] == pytest.approx([1e-3] * len(measurements))
+    assert measurements[0].free_position == pytest.approx(2e-3)
+    assert measurements[0].position == pytest.approx(2.5e-3)
 
 
 @pytest.mark.parametrize("name", ["force", "position", "commanded", "paired_force"])
-def test_a_measurement_with_a_part_that_is_no_number_is_not_finite(name: str) -> None:
-    whole = Measurement(0.0, 1.0, 2.0, 3.0, paired_force=4.0)
-    assert whole.is_finite
-    assert replace(whole, paired_force=None).is_finite
-    assert not replace(whole, **{name: math.nan}).is_finite
+def test_measurement_with_nan_is_not_finite(name: str) -> None:
+    finite = Measurement(0.0, 1.0, 2.0, 3.0, paired_force=4.0)
+    assert finite.is_finite
+    assert replace(finite, paired_force=None).is_finite
+    assert not replace(finite, **{name: math.nan}).is_finite
 
 
 class Feels:
-    """A rule for the robot's own force that says nothing."""
+    """Rule for the robot's own force that never reports a fault."""
 
-    def disagreed(self, before, seen):
+    def disagreed(self, before, after):
         return None
 
-    def fault(self, since, seen):
+    def fault(self, since, after):
         return ""
 
 
-def test_each_leg_has_the_guard_of_the_run_with_its_own_limits():
+def test_each_leg_has_guard_with_its_limits():
     run, speed, witness = Limits(), 0.25, Feels()
     stroke = Stroke(TaskParameters(), Broken(give_up), run.force_limit_n)
     gentle = Track(path=Line(length_mm=20.0), limits=StepLimits(force_limit_n=20.0))
@@ -254,7 +254,7 @@ FAR_DOWN = 5e-3
 
 
 def pressing_loop(**parameters):
-    """A loop and its state in contact on the track, whose controller asks for 1 mm more than was ordered last."""
+    """Return a loop and its state in contact while tracking; its controller orders 1 mm more than its last order."""
     program = plain_program(
         TaskParameters(speed_mm_s=0.0, **parameters),
         Broken(lambda m: Command(m.commanded + 1e-3, 1e-3), after=0),
@@ -275,7 +275,7 @@ def at_depth(depth):
 @pytest.mark.parametrize(
     ("newest", "paired", "barrier_mm"), [(40.0, 20.0, 4.5), (20.0, 40.0, 4.1), (20.0, None, 4.5)]
 )
-def test_barrier_counts_from_the_force_of_the_reported_position(newest, paired, barrier_mm):
+def test_barrier_uses_force_at_reported_position(newest, paired, barrier_mm):
     """45 N are predicted on 50 kN/m, from the 4 mm that the robot reports."""
     loop, state = pressing_loop(expected_stiffness_n_m=5e4)
     sample = Sample(100.0, at_depth(4e-3), newest, newest, 99.99, 1, paired_force=paired)
@@ -288,7 +288,7 @@ def test_barrier_counts_from_the_force_of_the_reported_position(newest, paired, 
     ("force", "zero", "stops"),
     [(47.0, 0.0, False), (52.0, 5.0, True), (47.0, -5.0, True), (47.0, -2.0, False), (44.0, 5.0, False)],
 )
-def test_zero_of_a_program_hides_no_force_and_adds_its_own(force, zero, stops):
+def test_program_zero_hides_no_force(force, zero, stops):
     """The limit of 50 N holds from the zero of the run and from that of the program, here down on the tool."""
     loop, state = pressing_loop()
     course = replace(state.program.course, zero=(0.0, 0.0, -zero, 0.0, 0.0, 0.0))
@@ -306,8 +306,8 @@ def test_zero_of_a_program_hides_no_force_and_adds_its_own(force, zero, stops):
 @pytest.mark.parametrize(
     ("across", "zero", "stops"), [(105.0, 10.0, True), (95.0, -10.0, True), (95.0, 10.0, False)]
 )
-def test_zero_of_a_program_hides_no_resultant_and_adds_its_own(across, zero, stops):
-    """The limit of 100 N of the resultant, with nothing but a force across the approach."""
+def test_program_zero_hides_no_resultant(across, zero, stops):
+    """The resultant, limited to 100 N, consists only of a force across the approach."""
     loop, state = pressing_loop()
     course = replace(state.program.course, zero=(zero, 0.0, 0.0, 0.0, 0.0, 0.0))
     state = replace(state, program=replace(state.program, course=course))

@@ -1,4 +1,4 @@
-"""Figures of merit on arrays whose figures are known by hand."""
+"""Figures of merit on arrays with known figures."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def figures(force, commanded=None, contact=None, period=0.5, reference=10.0):
     return figures_of_merit(trace)
 
 
-def test_step_response_by_hand():
+def test_figures_of_known_step_response():
     force = [0.0, 5.0, 9.0, 12.0] + [10.0, 11.0] * 30
     merit = figures(force, commanded=np.arange(64) * 0.125e-3)
     assert (merit.rise_samples, merit.rise_s) == (2, 1.0)
@@ -30,7 +30,7 @@ def test_step_response_by_hand():
     assert merit.largest_force_n == 12.0
 
 
-def test_too_short_or_too_weak_a_run_leaves_figures_undefined():
+def test_figures_of_short_or_weak_run_are_none():
     merit = figures([1.0, 2.0])
     assert merit.rise_samples is merit.rise_s is merit.steady_mean_error_n is None
     assert merit.steady_peak_to_peak_n is merit.steps_per_s is None
@@ -45,7 +45,7 @@ def test_reference_may_change_in_time():
     assert figures([5.0, 10.0], reference=[5.0, 10.0]).rms_error_n == 0.0
 
 
-def test_nothing_and_unequal_lengths_are_refused():
+def test_figures_of_empty_or_unequal_arrays_raise():
     with pytest.raises(ValueError, match="at least one sample"):
         figures([])
     with pytest.raises(ValueError, match="at least one sample"):

@@ -1,4 +1,4 @@
-"""The oscillation detector: what it must find, and what it must leave alone."""
+"""Oscillation detector: what it must detect, and what it must ignore."""
 
 import math
 import random
@@ -27,7 +27,7 @@ def swing(samples, amplitude, period, decay=1.0):
 
 
 @pytest.mark.parametrize("period", [2.3, 4, 7.5, 12])
-def test_an_oscillation_is_found_within_a_window_and_measured(period):
+def test_oscillation_is_measured_within_window(period):
     advices = watch(swing(45, 10.0, period))
     first = next(a for a in advices if a.finding is Finding.OSCILLATING)
     assert first.factor == 0.5
@@ -35,7 +35,7 @@ def test_an_oscillation_is_found_within_a_window_and_measured(period):
     assert first.period == pytest.approx(period * 0.18, rel=0.25)
 
 
-def test_a_lasting_oscillation_lowers_the_gain_then_retracts():
+def test_lasting_oscillation_lowers_gain_then_retracts():
     advices = watch(swing(400, 10.0, 6))
     factors = [a.factor for a in advices if a.finding is Finding.OSCILLATING]
     assert factors == [0.5, 0.25, 0.125]
@@ -45,7 +45,7 @@ def test_a_lasting_oscillation_lowers_the_gain_then_retracts():
     assert min(a.factor for a in advices) == 0.125
 
 
-def test_the_gain_is_given_back_when_calm_has_lasted():
+def test_gain_is_restored_after_calm():
     advices = watch(swing(25, 10.0, 6) + [0.1] * 200)
     lowered = next(k for k, a in enumerate(advices) if a.finding is Finding.OSCILLATING)
     assert [a.factor for a in advices[lowered : lowered + 40]] == [0.5] * 40, "until then it stays lowered"
@@ -55,13 +55,13 @@ def test_the_gain_is_given_back_when_calm_has_lasted():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_noise_inside_the_band_is_no_oscillation(seed):
+def test_noise_within_band_is_not_an_oscillation(seed):
     noise = random.Random(seed)
     assert findings([noise.uniform(-0.5, 0.5) for _ in range(2000)]) == {Finding.CALM}
 
 
 @pytest.mark.parametrize("stiffness", [5e3, 5e4, 2e5])
-def test_a_swing_of_one_resolution_step_is_rest(stiffness):
+def test_one_step_oscillation_is_ignored(stiffness):
     step = stiffness * 0.125e-3
     noise = random.Random(1)
     errors = [step * (0.5 if k // 2 % 2 else -0.5) + noise.uniform(-0.5, 0.5) for k in range(400)]
@@ -69,14 +69,14 @@ def test_a_swing_of_one_resolution_step_is_rest(stiffness):
 
 
 @pytest.mark.parametrize("stiffness", [2e4, 1e5])
-def test_the_five_step_limit_cycle_of_fixed_gains_is_found(stiffness):
+def test_five_step_limit_cycle_is_detected(stiffness):
     step = stiffness * 0.125e-3
     errors = [step * (2.5 if k // 2 % 2 else -2.5) for k in range(60)]
     assert Finding.OSCILLATING in findings(errors, stiffness)
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_steps_that_settle_are_no_oscillation(seed):
+def test_settling_steps_are_not_an_oscillation(seed):
     noise = random.Random(seed)
     errors = []
     for jump in (-50.0, 30.0, -20.0):
@@ -84,7 +84,7 @@ def test_steps_that_settle_are_no_oscillation(seed):
     assert findings(errors) == {Finding.CALM}
 
 
-def test_ramps_and_slow_waves_of_a_contour_are_no_oscillation():
+def test_ramps_and_slow_waves_are_not_an_oscillation():
     noise = random.Random(3)
     ramp = [-20.0 + 0.4 * k + noise.uniform(-0.5, 0.5) for k in range(100)]
     contour = [5.0 * math.sin(2 * math.pi * k / 100) + noise.uniform(-0.5, 0.5) for k in range(1000)]
@@ -92,13 +92,13 @@ def test_ramps_and_slow_waves_of_a_contour_are_no_oscillation():
     assert findings(contour) == {Finding.CALM}
 
 
-def test_large_swings_that_outlast_the_window_are_no_oscillation():
+def test_slow_large_variation_is_not_an_oscillation():
     """Six peaks in 9.9 s, where the window is 7.3 s."""
     assert findings([30.0 if k // 11 % 2 == 0 else -30.0 for k in range(400)]) == {Finding.CALM}
     assert Finding.OSCILLATING in findings([30.0 if k // 6 % 2 == 0 else -30.0 for k in range(400)])
 
 
-def test_what_is_no_number_is_skipped():
+def test_oscillation_nan_error_is_skipped():
     errors = swing(60, 10.0, 6)
     holes = [value for error in errors for value in (error, math.nan)]
     plain = [a for a in watch(errors) if a.finding is not Finding.CALM]
@@ -117,6 +117,6 @@ def test_what_is_no_number_is_skipped():
         {"resolution_mm": math.nan},
     ],
 )
-def test_parameters_are_checked(wrong):
+def test_oscillation_invalid_parameters_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         OscillationDetector(**wrong)

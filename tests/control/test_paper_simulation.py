@@ -1,4 +1,4 @@
-"""The paper's simulation (Figs. 3 and 5): what comes out, not what the paper says. 20 noise seeds."""
+"""The paper's simulation (Figs. 3 and 5) with its actual results, not the paper's claims. 20 noise seeds."""
 
 import pytest
 
@@ -20,8 +20,8 @@ def test_fixed_gains_creep_on_soft_walls_and_cycle_on_hard_ones(wall_means, stif
 
 def test_limit_cycle_of_fixed_gains_is_five_resolution_steps(wall):
     for stiffness in (5e4, 1e5):
-        words = {round(x / 0.125e-3) for x in wall(FuzzyPi(), stiffness, seed=0).commanded[-40:]}
-        assert max(words) - min(words) == 5
+        commands = {round(x / 0.125e-3) for x in wall(FuzzyPi(), stiffness, seed=0).commanded[-40:]}
+        assert max(commands) - min(commands) == 5
 
 
 def test_adaptation_rises_ten_times_faster_on_a_soft_wall(wall_means):
@@ -30,7 +30,7 @@ def test_adaptation_rises_ten_times_faster_on_a_soft_wall(wall_means):
     assert wall_means(FuzzyAdaptive(), 1e3)["rise_samples"] < 10
 
 
-def test_the_papers_adaptation_keeps_the_limit_cycle_on_hard_walls(wall_means):
+def test_paper_adaptation_keeps_limit_cycle_on_hard_walls(wall_means):
     assert wall_means(FuzzyAdaptive(), 1e5)["steady_peak_to_peak_n"] == pytest.approx(76, rel=0.2)
     assert wall_means(FuzzyAdaptive(), 2e4)["steady_peak_to_peak_n"] == pytest.approx(10, rel=0.2)
     assert wall_means(FuzzyAdaptive(), 2e4, reference=100.0)["steady_peak_to_peak_n"] < 4.0
@@ -44,7 +44,7 @@ def test_resolution_awareness_ends_every_limit_cycle(wall, stiffness):
         assert abs(merit.steady_mean_error_n) <= stiffness * 0.125e-3 / 2 + 0.5
 
 
-def test_feedforward_limit_costs_rise_time_but_no_rest(wall_means):
+def test_feedforward_limit_only_costs_rise_time(wall_means):
     limited, free = wall_means(ResolutionAware(), 5e3), wall_means(UNLIMITED, 5e3)
     assert free["rise_samples"] < limited["rise_samples"] < 10
     assert limited["steps_per_s"] == 0.0
@@ -54,7 +54,7 @@ def test_feedforward_limit_costs_rise_time_but_no_rest(wall_means):
 @pytest.mark.parametrize(
     ("stiffness", "factor"), [(1e3, 2.0), (5e3, 1.25), (2e4, 1.25), (5e4, 1.1), (1e5, 1.1)]
 )
-def test_estimate_finds_the_wall(wall, stiffness, factor):
+def test_estimate_matches_wall_stiffness(wall, stiffness, factor):
     for seed in range(20):
         assert stiffness / factor < wall(UNLIMITED, stiffness, seed).stiffnesses[-1] < stiffness * factor
 

@@ -1,4 +1,4 @@
-"""Controllers of other packages: found, chosen by name, and blamed by name when they are broken."""
+"""Controllers from plug-ins: discovery, selection by name, and the name in errors of a faulty one."""
 
 import subprocess
 import sys
@@ -34,18 +34,18 @@ GOOD = """
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Put a distribution with one module and its entry points where Python finds it."""
+    """Put a distribution with one module and its entry points on the import path."""
     modules = []
 
     def put(distribution: str, module: str, code: str, **points: str) -> None:
-        place = tmp_path / distribution
-        info = place / f"{distribution}-1.2.dist-info"
+        folder = tmp_path / distribution
+        info = folder / f"{distribution}-1.2.dist-info"
         info.mkdir(parents=True)
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2\n")
         lines = [f"{name} = {module}:{target}" for name, target in points.items()]
         (info / "entry_points.txt").write_text("\n".join(["[hil_bridge.controllers]", *lines]) + "\n")
-        (place / f"{module}.py").write_text(dedent(code))
-        monkeypatch.syspath_prepend(str(place))
+        (folder / f"{module}.py").write_text(dedent(code))
+        monkeypatch.syspath_prepend(str(folder))
         modules.append(module)
 
     yield put
@@ -60,7 +60,7 @@ def refusal(name: str) -> str:
     return str(raised.value)
 
 
-def test_a_controller_of_another_package_is_chosen_by_name_like_ours(install, tmp_path):
+def test_plugin_controller_is_chosen_by_name(install, tmp_path):
     install("lab", "lab_control", GOOD, steady="Steady")
     assert plugin_names(GROUP) == ["steady"]
     controller = make_controller("steady", step_mm=0.5)
@@ -79,7 +79,7 @@ def test_a_controller_of_another_package_is_chosen_by_name_like_ours(install, tm
         load_config(path, {})
 
 
-def test_nothing_is_imported_before_it_is_chosen(install):
+def test_plugin_is_imported_only_when_chosen(install):
     install("lab", "lab_control", GOOD, steady="Steady")
     make_controller("fuzzy")
     assert "steady" in refusal("clever")
@@ -88,59 +88,59 @@ def test_nothing_is_imported_before_it_is_chosen(install):
     assert "lab_control" in sys.modules
 
 
-def test_a_name_of_ours_cannot_be_taken(install, tmp_path):
+def test_built_in_controller_name_is_reserved(install, tmp_path):
     install("lab", "lab_control", GOOD, fuzzy="Steady")
-    assert refusal("fuzzy") == "controller 'fuzzy' is built in, but lab 1.2 offers one of that name, too"
+    assert refusal("fuzzy") == "controller 'fuzzy' is built in, but lab 1.2 also provides one of that name"
     make_controller("pi")
     (tmp_path / "c.toml").write_text('[controller]\nname = "fuzzy"\n')
     with pytest.raises(ConfigError, match=r"c\.toml: controller\.name: controller 'fuzzy' is built in"):
         load_config(tmp_path / "c.toml", {})
 
 
-def test_two_packages_cannot_offer_the_same(install):
+def test_duplicate_plugin_name_is_refused(install):
     install("lab", "lab_control", GOOD, steady="Steady")
     install("shop", "shop_control", GOOD, steady="Steady")
-    assert refusal("steady") == "controller 'steady' is offered by lab 1.2 and by shop 1.2; uninstall one"
+    assert refusal("steady") == "controller 'steady' is provided by lab 1.2 and by shop 1.2; uninstall one"
 
 
 @pytest.mark.parametrize(
-    ("code", "target", "says"),
+    ("code", "target", "message"),
     [
         ("1/0", "Steady", "cannot be loaded: ZeroDivisionError: division by zero"),
         ("import no_such_thing", "Steady", "cannot be loaded: the module no_such_thing is missing"),
         ("raise RuntimeError('two\\nlines')", "Steady", "cannot be loaded: RuntimeError: two"),
         ("raise RuntimeError", "Steady", "cannot be loaded: RuntimeError"),
         (GOOD, "Other", "cannot be loaded: AttributeError"),
-        ("Steady = 3", "Steady", "broken_control:Steady is no dataclass"),
-        ("class Steady: pass", "Steady", "broken_control:Steady is no dataclass"),
+        ("Steady = 3", "Steady", "broken_control:Steady is not a dataclass"),
+        ("class Steady: pass", "Steady", "broken_control:Steady is not a dataclass"),
         (GOOD.replace("initial", "begin"), "Steady", "has no method initial"),
-        (GOOD.replace('"steady"', '"other"'), "Steady", "must bear that as its attribute `name`"),
+        (GOOD.replace('"steady"', '"other"'), "Steady", "must have that as its attribute `name`"),
     ],
 )
-def test_a_broken_one_is_blamed_on_its_distribution(install, code, target, says):
+def test_broken_plugin_names_its_distribution(install, code, target, message):
     install("broken", "broken_control", code, steady=target)
     text = refusal("steady")
     assert text.startswith("controller 'steady' of broken 1.2")
-    assert says in text
+    assert message in text
     make_controller("fuzzy")
 
 
-def test_a_parameter_that_no_file_can_hold_is_said_in_one_line(install, tmp_path):
+def test_unserialisable_parameter_is_one_line_error(install, tmp_path):
     code = GOOD.replace("step_mm: float = 0.125", "lock: Lock = None").replace(
         "@dataclass", "class Lock: ...\n\n    @dataclass"
     )
     install("lab", "lab_control", code, steady="Steady")
     (tmp_path / "c.toml").write_text('[controller]\nname = "steady"\nparameters.lock = 1\n')
-    with pytest.raises(ConfigError, match="steady has a parameter that no file can hold"):
+    with pytest.raises(ConfigError, match="steady has a parameter that no file can contain"):
         load_config(tmp_path / "c.toml", {})
 
 
-def test_the_kind_is_the_class_itself(install):
+def test_controller_kind_is_the_class(install):
     install("lab", "lab_control", GOOD, steady="Steady")
     assert controller_kind("steady") is sys.modules["lab_control"].Steady
 
 
-def test_conformance_is_a_one_line_import_for_others(install, tmp_path):
+def test_conformance_suite_imports_in_one_line(install, tmp_path):
     install("lab", "lab_control", GOOD, steady="Steady")
     module = tmp_path / "test_lab.py"
     module.write_text(

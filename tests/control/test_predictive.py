@@ -1,4 +1,4 @@
-"""The controller that looks ahead along the travel."""
+"""Predictive controller."""
 
 import math
 from random import Random
@@ -10,7 +10,7 @@ from hil_bridge.control import Measurement, Predictive
 
 STEP = 0.125e-3
 PAPER = Predictive(step_limit_mm=50.0, force_uncertainty_n=0.5)
-"""With the paper's noise, and unlimited as the paper's adaptation."""
+"""With the paper's noise, and without limits like the paper's adaptation."""
 
 
 def sample(force, position=0.0, commanded=None, travel=0.0, ahead=0.0, **more):
@@ -25,7 +25,7 @@ def learnt(stiffness, force=10.0):
 
 
 @pytest.mark.parametrize("stiffness", [5e3, 2e4, 5e4, 1e5])
-def test_under_the_papers_assumptions_it_rests_near_the_force(wall, stiffness):
+def test_predictive_settles_near_force_in_paper_setup(wall, stiffness):
     for seed in range(20):
         merit = wall(PAPER, stiffness, seed).merit
         assert merit.steps_per_s == 0.0
@@ -34,7 +34,7 @@ def test_under_the_papers_assumptions_it_rests_near_the_force(wall, stiffness):
         assert merit.rise_samples <= 4
 
 
-def test_on_a_slope_it_commands_the_surface_ahead_of_the_tool():
+def test_predictive_commands_surface_ahead_on_slope():
     controller, state = learnt(5e3)
     slope = 0.2
     for k in range(1, 12):
@@ -46,7 +46,7 @@ def test_on_a_slope_it_commands_the_surface_ahead_of_the_tool():
     assert command.explanation["slope"] == pytest.approx(slope, rel=0.1)
 
 
-def test_a_delay_of_two_samples_does_not_show_on_a_wave():
+def test_predictive_compensates_two_samples_of_delay():
     """Commands are points of a path; the tool reports where it was nearly two points ago."""
     for seed in range(5):
         random, controller = Random(seed), Predictive()
@@ -63,27 +63,27 @@ def test_a_delay_of_two_samples_does_not_show_on_a_wave():
             state, command = controller.step(state, measured, 10.0)
             path.append((k * 1e-3, round(command.position / STEP) * STEP))
             forces.append(force)
-        settled = forces[30:]
-        assert math.sqrt(sum((f - 10.0) ** 2 for f in settled) / len(settled)) < 0.8
-        assert min(settled) > 5.0
+        steady = forces[30:]
+        assert math.sqrt(sum((f - 10.0) ** 2 for f in steady) / len(steady)) < 0.8
+        assert min(steady) > 5.0
 
 
-def test_it_holds_where_no_reachable_position_is_nearer():
+def test_predictive_holds_in_dead_band():
     controller, state = learnt(2e4)
     band = 2e4 * STEP / 2 + 0.1
-    for share, held in ((0.9, True), (1.2, False)):
+    for share, is_held in ((0.9, True), (1.2, False)):
         _, command = controller.step(state, sample(10.0 + share * band, 2e-3, 2.03e-3), 10.0)
-        assert command.held is held
-        assert (command.position == 2.03e-3) is held
+        assert command.held is is_held
+        assert (command.position == 2.03e-3) is is_held
 
 
-def test_the_first_move_is_made_for_the_stiffest_surface():
+def test_predictive_first_move_assumes_stiffest_surface():
     _, command = Predictive().step(Predictive().initial(), sample(2.0, 1e-3), 10.0)
     assert command.correction == pytest.approx(8.0 / 1e5)
     assert command.gain == 0.0
 
 
-def test_probing_quickens_when_the_surface_hardly_answers():
+def test_predictive_probing_accelerates_on_soft_surface():
     controller = Predictive()
     state, _ = controller.step(controller.initial(), sample(2.0, 0.0), 10.0)
     _, command = controller.step(state, sample(2.1, 4 * STEP), 10.0)
@@ -91,19 +91,19 @@ def test_probing_quickens_when_the_surface_hardly_answers():
     assert command.correction > 20 * 7.9 / 1e5
 
 
-def test_too_much_force_at_first_touch_backs_off():
+def test_predictive_backs_off_from_hard_touch():
     _, command = Predictive().step(Predictive().initial(), sample(30.0, 1e-3, free_position=0.5e-3), 10.0)
     assert command.correction == pytest.approx(-20.0 * 0.5e-3 / (2 * 30.0))
 
 
-def test_no_order_goes_further_than_a_step_inwards_or_outwards():
+def test_predictive_order_is_limited_per_sample():
     _, state = learnt(5e3)
-    for force, wanted in ((40.0, -0.1e-3), (2.0, 0.1e-3)):
+    for force, expected in ((40.0, -0.1e-3), (2.0, 0.1e-3)):
         _, command = Predictive(step_limit_mm=0.1).step(state, sample(force, 2e-3), 10.0)
-        assert command.correction == pytest.approx(wanted)
+        assert command.correction == pytest.approx(expected)
 
 
-def test_doubt_makes_inward_moves_smaller():
+def test_predictive_uncertainty_reduces_inward_moves():
     surer, unsure = Predictive(caution=0.0), Predictive(caution=3.0)
     moves = []
     for controller in (surer, unsure):
@@ -113,17 +113,17 @@ def test_doubt_makes_inward_moves_smaller():
     assert 0 < moves[1] < moves[0]
 
 
-def test_swings_of_the_error_raise_the_stiffness_used():
+def test_predictive_oscillation_raises_stiffness():
     controller, state = learnt(5e3)
     guards = []
     for k in range(12):
         state, command = controller.step(state, sample(10.0 + 3.0 * (-1) ** k, 2e-3), 10.0)
         guards.append(command.explanation["guard"])
-    assert guards[1] == 1.0  # one swing is what any landing has
+    assert guards[1] == 1.0  # any landing has one oscillation
     assert guards[-1] > 4.0
 
 
-def test_contact_lost_is_searched_by_a_third_of_what_presses_in_full():
+def test_predictive_contact_search_moves_a_third():
     controller, state = learnt(5e3)
     state, command = controller.step(state, sample(0.0, 2e-3, in_contact=False), 10.0)
     assert command.correction == pytest.approx(10.0 / (3 * 5e3), rel=0.02)
@@ -134,6 +134,6 @@ def test_contact_lost_is_searched_by_a_third_of_what_presses_in_full():
 @pytest.mark.parametrize(
     "wrong", [{"window": 0}, {"caution": -1.0}, {"smallest_radius_mm": 0.0}, {"resolution_mm": math.nan}]
 )
-def test_impossible_parameters_are_refused(wrong):
+def test_predictive_invalid_parameters_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Predictive(**wrong)

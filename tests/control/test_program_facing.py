@@ -1,4 +1,4 @@
-"""The estimate of the surface's normal, on synthetic surfaces whose normal is known."""
+"""Estimate of the surface's normal, on synthetic surfaces with known normals."""
 
 import itertools
 import math
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Measurement, Sample
 from hil_bridge.control.course.contact_sample import ContactSample
-from hil_bridge.control.course.facing import Facing, FacingState, Look, inward, lateral_of
+from hil_bridge.control.course.facing import Facing, FacingSample, FacingState, inward, lateral_of
 from hil_bridge.control.course.state import Course
 from hil_bridge.control.geometry.work_frame import Face, WorkFrame
 from hil_bridge.control.program.contact_force import measure_skew, subtract_zero
@@ -29,7 +29,7 @@ def plane(p: float, q: float) -> Callable[[float, float], tuple[float, float, fl
 
 
 def sphere(radius: float) -> Callable[[float, float], tuple[float, float, float]]:
-    """A cap whose top lies at the origin."""
+    """Spherical cap with its top at the origin."""
 
     def surface(x: float, y: float) -> tuple[float, float, float]:
         height = math.sqrt(radius**2 - x * x - y * y)
@@ -54,12 +54,12 @@ def slide(surface, corners, speed=0.005, friction=0.2, noise=0.0, state=None, fa
         length = math.hypot(u - x, v - y)
         heading = (u - x) / length, (v - y) / length
         for k in range(round(length / speed / DT)):
-            way = k * speed * DT
-            depth, p, q = surface(x + way * heading[0], y + way * heading[1])
+            distance = k * speed * DT
+            depth, p, q = surface(x + distance * heading[0], y + distance * heading[1])
             force = np.array(pressed((p, q), heading, friction)) + noise * random.standard_normal(3)
-            look = Look(DT, travel + way, depth, tuple(force), heading)
-            state = facing.after(state, look, 1.0)
-            errors.append((travel + way, off(state, (p, q))))
+            sample = FacingSample(DT, travel + distance, depth, tuple(force), heading)
+            state = facing.after(state, sample, 1.0)
+            errors.append((travel + distance, off(state, (p, q))))
         travel += length
     return state, np.array(errors)
 
@@ -75,84 +75,84 @@ def off(state: FacingState, slopes: tuple[float, float]) -> float:
 
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.2, 0.0), (-0.15, 0.0), (0.0, 0.25), (0.1, -0.2)])
 @pytest.mark.parametrize("friction", [0.0, 0.2, 0.5])
-def test_the_normal_of_a_plane_is_found_within_1_degree(slopes, friction):
+def test_facing_plane_normal_is_within_1_degree(slopes, friction):
     state, errors = slide(plane(*slopes), [(0.0, 0.0), (0.03, 0.0)], friction=friction)
     assert errors[errors[:, 0] > 0.02, 1].max() < 1.0
     assert math.degrees(state.sigma) < 0.5
     assert math.tan(state.friction_angle) == pytest.approx(friction, abs=0.02)
 
 
-def test_the_normal_of_a_plane_is_found_on_any_heading():
+def test_facing_plane_normal_on_any_heading():
     for turn in np.linspace(0.0, math.tau, 9):
         end = 0.03 * math.cos(turn), 0.03 * math.sin(turn)
         _, errors = slide(plane(0.15, -0.1), [(0.0, 0.0), end])
         assert errors[errors[:, 0] > 0.02, 1].max() < 1.0
 
 
-def test_noise_of_the_sensor_leaves_the_normal_within_1_degree():
+def test_facing_normal_with_noise_is_within_1_degree():
     state, errors = slide(plane(0.1, 0.1), [(0.0, 0.0), (0.04, 0.0)], noise=0.3)
     assert errors[errors[:, 0] > 0.02, 1].max() < 1.0
     assert 0.05 < math.degrees(state.sigma) < 1.5
 
 
-def test_the_normal_follows_a_sphere_around_its_corners():
+def test_facing_normal_follows_sphere_through_corners():
     corners = [(-0.03, 0.0), (0.03, 0.0), (0.03, 0.015), (-0.03, 0.015)]
     _, errors = slide(sphere(0.3), corners)
-    settled = errors[errors[:, 0] > 0.02, 1]
-    assert settled.max() < 1.0
-    assert math.sqrt(np.mean(settled**2)) < 0.5
+    steady = errors[errors[:, 0] > 0.02, 1]
+    assert steady.max() < 1.0
+    assert math.sqrt(np.mean(steady**2)) < 0.5
 
 
-def test_behind_a_corner_the_force_is_not_read_for_a_moment():
+def test_facing_ignores_force_after_corner():
     state, _ = slide(plane(0.1, 0.0), [(0.0, 0.0), (0.03, 0.0)])
-    turned = FACING.after(state, Look(DT, 0.03, 0.003, (FORCE, 9.0, 9.0), (0.0, 1.0)), 1.0)
+    turned = FACING.after(state, FacingSample(DT, 0.03, 0.003, (FORCE, 9.0, 9.0), (0.0, 1.0)), 1.0)
     assert turned.blind > 0.0
     for _ in range(10):
-        turned = FACING.after(turned, Look(DT, 0.03, 0.003, (FORCE, 9.0, 9.0), (0.0, 1.0)), 1.0)
+        turned = FACING.after(turned, FacingSample(DT, 0.03, 0.003, (FORCE, 9.0, 9.0), (0.0, 1.0)), 1.0)
     assert turned.fall == state.fall
 
 
-def test_a_gentle_bend_is_the_same_stretch():
+def test_facing_gentle_bend_keeps_points():
     state, _ = slide(plane(0.1, 0.0), [(0.0, 0.0), (0.03, 0.0)])
     heading = math.cos(math.radians(10.0)), math.sin(math.radians(10.0))
-    bent = FACING.after(state, Look(DT, 0.03, 0.003, (FORCE, 1.0, 0.0), heading), 1.0)
+    bent = FACING.after(state, FacingSample(DT, 0.03, 0.003, (FORCE, 1.0, 0.0), heading), 1.0)
     assert (bent.blind, bent.points) == (state.blind, state.points)
 
 
-# --- what it does not know
+# --- missing information
 
 
-def test_a_tool_that_stands_learns_nothing_and_stays_uncertain():
+def test_facing_stationary_tool_stays_uncertain():
     state = FacingState(fall=(0.1, 0.05))
     for k in range(200):
-        state = FACING.after(state, Look(DT, 0.0, 0.0, (FORCE, 3.0, -2.0), (0.0, 0.0)), 1.0)
+        state = FACING.after(state, FacingSample(DT, 0.0, 0.0, (FORCE, 3.0, -2.0), (0.0, 0.0)), 1.0)
         assert state.fall == pytest.approx((0.1, 0.05)), k
     assert math.degrees(state.sigma) > FACING.uncertain_deg
 
 
-def test_before_there_is_a_path_the_direction_along_it_is_uncertain():
+def test_facing_without_path_is_uncertain():
     state, _ = slide(plane(0.2, 0.0), [(0.0, 0.0), (0.002, 0.0)])
     assert math.degrees(state.sigma) > FACING.uncertain_deg
     assert state.friction_angle is None
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_reading_that_is_no_number_changes_nothing(bad):
+def test_facing_nan_reading_changes_nothing(bad):
     state, _ = slide(plane(0.1, 0.0), [(0.0, 0.0), (0.03, 0.0)])
-    for look in (
-        Look(DT, 0.03, 0.003, (bad, 0.0, 0.0), (1.0, 0.0)),
-        Look(DT, 0.03, bad, (FORCE, 0.0, 0.0), (1.0, 0.0)),
-        Look(DT, 0.03, 0.003, (FORCE, 0.0, 0.0), (1.0, 0.0), skew=(bad, 0.0)),
-        Look(DT, 0.03, 0.003, (-1.0, 0.0, 0.0), (1.0, 0.0)),
+    for sample in (
+        FacingSample(DT, 0.03, 0.003, (bad, 0.0, 0.0), (1.0, 0.0)),
+        FacingSample(DT, 0.03, bad, (FORCE, 0.0, 0.0), (1.0, 0.0)),
+        FacingSample(DT, 0.03, 0.003, (FORCE, 0.0, 0.0), (1.0, 0.0), skew=(bad, 0.0)),
+        FacingSample(DT, 0.03, 0.003, (-1.0, 0.0, 0.0), (1.0, 0.0)),
     ):
-        assert FACING.after(state, look, 1.0) == state
+        assert FACING.after(state, sample, 1.0) == state
 
 
-def test_no_normal_beyond_the_steepest_is_believed():
+def test_facing_normal_is_limited_to_steepest():
     state = FacingState()
     for k in range(3000):
-        look = Look(DT, k * 1e-4, 0.0, (1.0, 0.0, -50.0), (1.0, 0.0))
-        state = FACING.after(state, look, 1.0)
+        sample = FacingSample(DT, k * 1e-4, 0.0, (1.0, 0.0, -50.0), (1.0, 0.0))
+        state = FACING.after(state, sample, 1.0)
     _, _, b = inward(state.fall)
     assert abs(math.degrees(math.asin(b))) <= FACING.steepest_deg + 1e-6
 
@@ -168,7 +168,7 @@ def test_no_normal_beyond_the_steepest_is_believed():
         {"moment_noise_nm": 0.0},
     ],
 )
-def test_an_estimate_that_makes_no_sense_is_refused(settings):
+def test_facing_invalid_parameters_are_refused(settings):
     with pytest.raises(ValueError, match=next(iter(settings))):
         Facing(**settings)
 
@@ -200,46 +200,46 @@ def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0
         [-rotate(quaternion, axis)[2] for axis in np.eye(3).tolist()]
     )  # base −z in the tool frame
     depths = FORCE / STIFFNESS + (arms - np.array(centre)) @ down
-    assert depths.min() > 0.0, "the whole face must touch"
+    assert depths.min() > 0.0, "the complete face must touch"
     forces = -(weights / weights.sum() * STIFFNESS * depths)[:, None] * down
     return (*forces.sum(axis=0), *np.cross(arms, forces).sum(axis=0))
 
 
-def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> ContactSample:
+def contact_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> ContactSample:
     sample = Sample(0.0, (0.9, 0.0, 0.6), FORCE, FORCE, 0.0, 1, wrench=wrench, quaternion=quaternion)
     return ContactSample(sample, Measurement(0.0, FORCE, 0.0, 0.0), (0.0, 0.0), (FORCE, 0.0, 0.0), wrench)
 
 
-def unknown_pose(felt: ContactSample) -> ContactSample:
-    """The same where the orientation is not known."""
-    return replace(felt, sample=replace(felt.sample, quaternion=()))
+def unknown_pose(contact: ContactSample) -> ContactSample:
+    """Return the sample without a known orientation."""
+    return replace(contact, sample=replace(contact.sample, quaternion=()))
 
 
 @pytest.mark.parametrize("tip", [(0.0, 0.0), (1.0, 0.0), (0.0, -1.0), (-0.7, 0.7)])
 @pytest.mark.parametrize("centre", [(0.0, 0.0, 0.0), (0.01, -0.02, 0.12)])
-def test_the_moments_at_a_face_tell_how_it_stands_to_a_flat_surface(tip, centre):
+def test_facing_moments_give_skew_of_face(tip, centre):
     quaternion = tool_at(*tip)
-    face, felt = Face(centre, RADIUS), felt_of(quaternion, disc_wrench(quaternion, centre))
-    axis, skew = measure_skew(FRAME, face, felt, PER_ANGLE)
+    face, contact = Face(centre, RADIUS), contact_of(quaternion, disc_wrench(quaternion, centre))
+    axis, skew = measure_skew(FRAME, face, contact, PER_ANGLE)
     assert skew is not None
     # to be perpendicular, the axis must tip back by all that it is tipped
     assert (axis[1] + skew[0], axis[2] + skew[1]) == pytest.approx((0.0, 0.0), abs=math.radians(0.01))
     state = FacingState()
     for _ in range(200):
-        look = Look(DT, 0.0, 0.0, (FORCE, 0.0, 0.0), (0.0, 0.0), axis, skew)
-        state = FACING.after(state, look, PER_ANGLE)
+        sample = FacingSample(DT, 0.0, 0.0, (FORCE, 0.0, 0.0), (0.0, 0.0), axis, skew)
+        state = FACING.after(state, sample, PER_ANGLE)
     assert off(state, (0.0, 0.0)) < 0.05
     assert math.degrees(state.sigma) < FACING.uncertain_deg
 
 
-def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
+def test_subtract_zero_applies_along_each_axis():
     """Against scipy: a turned tool, and a frame of which no axis is one of the base."""
     axes = Rotation.from_rotvec((0.3, -0.8, 0.5)).as_matrix()
     frame = WorkFrame(*(tuple(row) for row in axes.tolist()))
     quaternion = normalise((0.2, 0.7, -0.5, 0.4))
     zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
     force, wrench = (10.0, 0.5, -0.25), (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)
-    sample, lost = felt_of(quaternion, wrench).sample, Course(zero=zero)
+    sample, lost = contact_of(quaternion, wrench).sample, Course(zero=zero)
     w, x, y, z = quaternion
     added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
     for known, state in ((sample, lost), (replace(sample, quaternion=()), replace(lost, home=quaternion))):
@@ -250,35 +250,35 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
         assert subtract_zero(lost, frame, unknown, force) == (force, unknown.wrench)
 
 
-def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
-    """A frame that is turned with tool and moments tells the same axis and skew."""
+def test_measure_skew_uses_work_frame():
+    """A frame rotated together with the tool and the moments yields the same axis and skew."""
     quaternion = tool_at(0.7, -1.2)
-    felt = felt_of(quaternion, disc_wrench(quaternion))
+    contact = contact_of(quaternion, disc_wrench(quaternion))
     face = Face(radius=RADIUS)
-    axis, skew = measure_skew(FRAME, face, felt, PER_ANGLE)
+    axis, skew = measure_skew(FRAME, face, contact, PER_ANGLE)
     turn = Rotation.from_rotvec((0.3, -0.8, 0.5))
     w, x, y, z = quaternion
     x, y, z, w = (turn * Rotation.from_quat((x, y, z, w))).as_quat()
-    turned = WorkFrame(*(tuple(turn.apply(way)) for way in (FRAME.approach, FRAME.x, FRAME.y)))
-    assert measure_skew(turned, face, felt_of((w, x, y, z), felt.wrench), PER_ANGLE) == (
+    turned = WorkFrame(*(tuple(turn.apply(direction)) for direction in (FRAME.approach, FRAME.x, FRAME.y)))
+    assert measure_skew(turned, face, contact_of((w, x, y, z), contact.wrench), PER_ANGLE) == (
         pytest.approx(axis),
         pytest.approx(skew),
     )
 
 
-def test_a_tool_without_a_face_is_told_no_skew():
+def test_measure_skew_without_face_is_none():
     quaternion = tool_at(2.0, 0.0)
-    felt = felt_of(quaternion, (0.0,) * 6)
-    assert measure_skew(FRAME, Face(), felt, 0.0) == ((1.0, 0.0, 0.0), None)
-    assert measure_skew(FRAME, Face(radius=RADIUS), replace(felt, wrench=()), PER_ANGLE)[1] is None
-    assert measure_skew(FRAME, Face(radius=RADIUS), unknown_pose(felt), PER_ANGLE)[1] is None
+    contact = contact_of(quaternion, (0.0,) * 6)
+    assert measure_skew(FRAME, Face(), contact, 0.0) == ((1.0, 0.0, 0.0), None)
+    assert measure_skew(FRAME, Face(radius=RADIUS), replace(contact, wrench=()), PER_ANGLE)[1] is None
+    assert measure_skew(FRAME, Face(radius=RADIUS), unknown_pose(contact), PER_ANGLE)[1] is None
 
 
-def test_no_moment_is_taken_for_more_than_10_degrees():
+def test_facing_skew_is_limited_to_10_degrees():
     state = FacingState()
     for _ in range(500):
-        look = Look(DT, 0.0, 0.0, (FORCE, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0))
-        state = FACING.after(state, look, PER_ANGLE)
+        sample = FacingSample(DT, 0.0, 0.0, (FORCE, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0))
+        state = FACING.after(state, sample, PER_ANGLE)
     assert math.degrees(math.atan(state.fall[0])) == pytest.approx(-10.0, abs=0.1)
 
 
@@ -287,7 +287,7 @@ def test_no_moment_is_taken_for_more_than_10_degrees():
 
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.3, -0.2)])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_the_lateral_force_is_that_of_friction(slopes, friction):
+def test_lateral_force_matches_friction(slopes, friction):
     assert lateral_of(pressed(slopes, (0.6, 0.8), friction), slopes) == pytest.approx(
         FORCE * friction, abs=1e-9
     )

@@ -1,4 +1,4 @@
-"""A program made ready: the steps in one row, and what is refused of them, each with the step's number."""
+"""Preparation of a program: its steps in a row, and the refusals, each with the step's number."""
 
 import math
 import re
@@ -36,17 +36,17 @@ def row_of(*steps, origin_known=False, limits=None, **parameters):
 
 
 def refused(*steps, **settings):
-    """The one line that a refusal is."""
-    with pytest.raises(ConfigError) as told:
+    """Return the one-line refusal."""
+    with pytest.raises(ConfigError) as reported:
         row_of(*steps, **settings)
-    assert "\n" not in str(told.value)
-    return str(told.value)
+    assert "\n" not in str(reported.value)
+    return str(reported.value)
 
 
 # --- the row
 
 
-def test_a_leg_knows_whether_the_tool_may_lean_on_what_is_beside_it():
+def test_leg_knows_whether_tool_may_touch_side():
     """A step that works aside hands that on until the tool has lifted; a move before a touch hands nothing on."""
     side = Track(path=LINE, across="force", across_n=5.0)
     steps = (
@@ -74,7 +74,7 @@ def test_a_leg_knows_whether_the_tool_may_lean_on_what_is_beside_it():
 
 
 @pytest.mark.parametrize("limit", [2.0, 40.0])
-def test_a_resumed_program_goes_to_its_place_within_the_limit_of_its_step(limit):
+def test_resumed_program_moves_within_step_limits(limit):
     track = Track(path=LINE, speed_mm_s=1.0, limits=StepLimits(travel_mm_s=limit))
     stroke = Stroke(TaskParameters(), FuzzyPi(), 50.0)
     row = legs_of((Approach(), track, Retract()), Ground(stroke, Limits(travel_mm_s=50.0)))
@@ -83,19 +83,19 @@ def test_a_resumed_program_goes_to_its_place_within_the_limit_of_its_step(limit)
     assert (move.do, move.speed_mm_s) == ("move", min(limit, 10.0))
 
 
-def test_the_rest_of_a_way_leads_where_the_whole_one_does():
-    whole = way_of(((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (0.0, 5.0)))
+def test_rest_of_path_ends_at_same_point():
+    path = way_of(((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (0.0, 5.0)))
     for done in (0.0, 4e-3, 12e-3, 20e-3):
-        rest, (x, y) = rest_of(whole, done), whole.at(done)
-        assert rest.length == pytest.approx(whole.length - done)
+        rest, (x, y) = rest_of(path, done), path.at(done)
+        assert rest.length == pytest.approx(path.length - done)
         for on in (0.0, 1e-3, 3e-3, rest.length):
             u, v = rest.at(on)
-            assert (x + u, y + v) == pytest.approx(whole.at(done + on), abs=1e-12)
-            assert rest.headings[rest.piece(on)] == whole.headings[whole.piece(done + on)]
+            assert (x + u, y + v) == pytest.approx(path.at(done + on), abs=1e-12)
+            assert rest.headings[rest.piece(on)] == path.headings[path.piece(done + on)]
 
 
-def test_an_approach_reaches_as_far_as_the_tool_came_back_before():
-    """Its own bound is an operator's word, and stays."""
+def test_approach_reach_includes_previous_retraction():
+    """A bound set by the operator is kept."""
     row = row_of(
         Approach(),
         Retract(back_mm=6.0),
@@ -108,7 +108,7 @@ def test_an_approach_reaches_as_far_as_the_tool_came_back_before():
     assert limits == [15.0, 21.0, 7.0]
 
 
-def test_a_step_has_the_parameters_of_the_task_but_where_it_has_its_own():
+def test_leg_uses_task_parameters_by_default():
     row = row_of(
         Approach(speed_mm_s=1.0, contact_n=2.0, at_most_mm=7.0),
         Track(path=LINE, speed_mm_s=3.0, force_n=12.0),
@@ -125,12 +125,12 @@ def test_a_step_has_the_parameters_of_the_task_but_where_it_has_its_own():
     assert (retract.retract_mm, retract.retract_speed_mm_s) == (6.0, 4.0)
 
 
-def test_a_lower_contact_force_takes_the_loss_below_it():
+def test_leg_loss_threshold_follows_contact_force():
     row = row_of(Approach(contact_n=0.3), Retract())
     assert row.legs[0].stroke.parameters.loss_threshold_n == 0.3
 
 
-def test_labels_count_as_a_person_does():
+def test_leg_labels_start_at_1():
     row = row_of(
         Approach(),
         Track(path=LINE),
@@ -150,7 +150,7 @@ def test_labels_count_as_a_person_does():
     ]
 
 
-def test_the_last_step_of_each_pass_knows_where_the_repeat_ends():
+def test_last_leg_of_pass_knows_end_of_repeat():
     stroke = (Approach(), Track(path=LINE), Retract(), Move(to_mm=(0.0, 0.0)))
     row = row_of(Retract(), Repeat(times=3, step=stroke, until_removed_mm=0.2), Retract())
     assert [leg.repeat.leave_to for leg in row.legs] == [None, *[None, None, None, 13] * 3, None]
@@ -158,7 +158,7 @@ def test_the_last_step_of_each_pass_knows_where_the_repeat_ends():
     assert {leg.repeat.removed for leg in row.legs[1:13]} == {0.2e-3}
 
 
-def test_places_follow_the_paths():
+def test_leg_places_follow_paths():
     row = row_of(
         Approach(),
         Track(path=Line(length_mm=10.0, direction_deg=90.0)),
@@ -179,7 +179,7 @@ def test_places_follow_the_paths():
 
 
 @pytest.mark.parametrize("track", [Track(path=LINE, for_s=1.0), Track(path=LINE, across="compliant")])
-def test_the_end_of_a_track_that_may_end_elsewhere_is_not_known(track):
+def test_leg_end_of_timed_track_is_unknown(track):
     row = row_of(Approach(), track, Retract())
     assert row.places == ((0.0, 0.0), (0.0, 0.0), None)
 
@@ -187,11 +187,11 @@ def test_the_end_of_a_track_that_may_end_elsewhere_is_not_known(track):
 # --- profiles
 
 
-def test_a_profile_goes_straight_from_pair_to_pair():
+def test_force_profile_is_linear_between_pairs():
     row = row_of(Approach(), Track(path=LINE, force_n=((0.0, 4.0), (5.0, 14.0), (10.0, 9.0))), Retract())
     track = row.legs[1]
-    wanted = [track.reference(mm * 1e-3) for mm in (-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 11.0)]
-    assert wanted == pytest.approx([4.0, 4.0, 9.0, 14.0, 11.5, 9.0, 9.0])
+    expected = [track.reference(mm * 1e-3) for mm in (-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 11.0)]
+    assert expected == pytest.approx([4.0, 4.0, 9.0, 14.0, 11.5, 9.0, 9.0])
     assert track.stroke.parameters.force_n == 14.0
 
 
@@ -204,7 +204,7 @@ PAIRS = st.lists(
 
 
 @given(PAIRS, st.floats(0.0, 60.0))
-def test_no_force_of_a_profile_is_beyond_its_pairs(pairs, mm):
+def test_force_profile_stays_within_its_pairs(pairs, mm):
     row = row_of(Approach(), Track(path=Line(length_mm=pairs[-1][0]), force_n=pairs), Retract())
     forces = [force for _, force in pairs]
     assert min(forces) - 1e-9 <= row.legs[1].reference(mm * 1e-3) <= max(forces) + 1e-9
@@ -212,41 +212,41 @@ def test_no_force_of_a_profile_is_beyond_its_pairs(pairs, mm):
         assert row.legs[1].reference(at * 1e-3) == pytest.approx(force)
 
 
-def test_a_profile_that_ends_before_its_path_is_refused():
-    told = refused(Approach(), Track(path=LINE, force_n=((0.0, 5.0), (8.0, 9.0))), Retract())
-    assert told == (
+def test_force_profile_shorter_than_path_is_refused():
+    message = refused(Approach(), Track(path=LINE, force_n=((0.0, 5.0), (8.0, 9.0))), Retract())
+    assert message == (
         "task.step 2 (track): force_n ends at 8 mm, but the path is 10.0 mm long: give the force of its end"
     )
 
 
 @pytest.mark.parametrize(
-    ("force", "told"),
+    ("force", "message"),
     [
-        (((1.0, 5.0), (8.0, 9.0)), "force_n must begin at 0 mm of the way"),
-        ((), "force_n must begin at 0 mm of the way"),
-        (((0.0, 5.0), (8.0, 9.0), (8.0, 7.0)), "force_n must ascend along the way, but 8 mm follows 8 mm"),
+        (((1.0, 5.0), (8.0, 9.0)), "force_n must begin at 0 mm of the path"),
+        ((), "force_n must begin at 0 mm of the path"),
+        (((0.0, 5.0), (8.0, 9.0), (8.0, 7.0)), "force_n must ascend along the path, but 8 mm follows 8 mm"),
         (((0.0, 5.0), (8.0, 0.0)), "force_n must be above 0 N everywhere, got 0"),
         (-3.0, "force_n must be above 0 N everywhere, got -3"),
         (math.nan, "force_n must be above 0 N everywhere, got nan"),
     ],
 )
-def test_a_profile_with_gaps_or_pulls_is_refused(force, told):
-    with pytest.raises(ValueError, match=re.escape(told)):
+def test_force_profile_with_gap_or_pull_is_refused(force, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
         Track(path=LINE, force_n=force)
 
 
-def test_a_force_at_which_contact_counts_as_lost_is_refused():
-    told = refused(Approach(), Track(path=LINE, force_n=((0.0, 5.0), (10.0, 0.8))), Retract())
-    assert told == (
+def test_leg_force_below_contact_threshold_is_refused():
+    message = refused(Approach(), Track(path=LINE, force_n=((0.0, 5.0), (10.0, 0.8))), Retract())
+    assert message == (
         "task.step 2 (track): force_n of 0.8 N must be above task.contact_threshold_n of 1 N: "
-        "with less the tool does not touch"
+        "with less, the tool is not in contact"
     )
 
 
 # --- limits
 
 
-def test_a_step_may_be_stricter_than_the_run():
+def test_step_limit_may_be_stricter_than_run():
     own = StepLimits(force_limit_n=20.0, turn_deg_s=3.0)
     row = row_of(Approach(limits=own), Retract())
     assert (row.legs[0].limits.force_limit_n, row.legs[0].limits.turn_deg_s) == (20.0, 3.0)
@@ -255,53 +255,53 @@ def test_a_step_may_be_stricter_than_the_run():
 
 
 @pytest.mark.parametrize("name", list(StepLimits.__slots__))
-def test_a_step_may_not_be_laxer_than_the_run(name):
+def test_step_limit_looser_than_run_is_refused(name):
     most = getattr(Limits(), name)
-    told = refused(Approach(), Retract(limits=StepLimits(**{name: most + 1.0})))
-    assert told == (
-        f"task.step 2 (retract): limits.{name} of {most + 1:g} is wider than that of the run, {most:g}: "
-        "a step can only be stricter"
+    message = refused(Approach(), Retract(limits=StepLimits(**{name: most + 1.0})))
+    assert message == (
+        f"task.step 2 (retract): limits.{name} of {most + 1:g} exceeds that of the run, {most:g}: "
+        "a step can only tighten a limit"
     )
 
 
 @pytest.mark.parametrize("name", list(StepLimits.__slots__))
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_limits_that_allow_nothing_are_refused(name, value):
+def test_step_limit_of_zero_is_refused(name, value):
     with pytest.raises(ValueError, match=name):
         StepLimits(**{name: value})
 
 
-def test_a_force_at_its_limit_is_refused():
-    told = refused(
+def test_leg_force_at_its_limit_is_refused():
+    message = refused(
         Approach(), Track(path=LINE, force_n=30.0, limits=StepLimits(force_limit_n=30.0)), Retract()
     )
-    assert told == "task.step 2 (track): force_n of 30 N must be below its force limit of 30 N"
+    assert message == "task.step 2 (track): force_n of 30 N must be below its force limit of 30 N"
 
 
-def test_a_step_in_free_space_may_have_a_limit_below_the_force_of_the_others():
+def test_free_step_may_have_lower_force_limit():
     tight = StepLimits(force_limit_n=5.0)
     row = row_of(Zero(limits=tight), Move(to_mm=(1.0, 1.0), limits=tight), Retract(limits=tight))
     assert [leg.limits.force_limit_n for leg in row.legs] == [5.0, 5.0, 5.0]
 
 
-def test_a_contact_force_that_is_not_below_the_wanted_one_is_refused():
-    told = refused(Approach(contact_n=10.0), Retract())
-    assert told == "task.step 1 (approach): contact_n of 10 N must be below task.force_n of 10 N"
+def test_contact_force_above_desired_is_refused():
+    message = refused(Approach(contact_n=10.0), Retract())
+    assert message == "task.step 1 (approach): contact_n of 10 N must be below task.force_n of 10 N"
 
 
-# --- what may follow what
+# --- order of steps
 
 
 @pytest.mark.parametrize("step", [Track(path=LINE), Hold(for_s=1.0)])
-def test_a_step_that_presses_needs_an_approach(step):
-    told = refused(step, Retract())
-    assert told.startswith(f"task.step 1 ({step.do}): ")
-    assert told.endswith("the tool does not press here: let an approach come before")
+def test_pressing_step_needs_an_approach(step):
+    message = refused(step, Retract())
+    assert message.startswith(f"task.step 1 ({step.do}): ")
+    assert message.endswith("the tool does not press here: insert an approach before")
 
 
-def test_an_edge_is_sought_while_pressing():
-    told = refused(Seek(direction_deg=0.0, until="edge"), Retract())
-    assert told == "task.step 1 (seek): an edge is sought while pressing: let an approach come before"
+def test_seek_edge_needs_contact():
+    message = refused(Seek(direction_deg=0.0, until="edge"), Retract())
+    assert message == "task.step 1 (seek): an edge is searched for while pressing: insert an approach before"
 
 
 @pytest.mark.parametrize(
@@ -312,46 +312,48 @@ def test_an_edge_is_sought_while_pressing():
     [(Approach(),), (Approach(), Hold(for_s=1.0)), (Approach(), Seek(direction_deg=0.0, until="edge"))],
     ids=("approach", "hold", "edge"),
 )
-def test_a_step_in_free_space_needs_a_retract(before, step):
-    told = refused(*before, step, Retract())
+def test_free_step_needs_a_retract(before, step):
+    message = refused(*before, step, Retract())
     number = len(before) + 1
-    assert told == f"task.step {number} ({step.do}): the tool presses here: let a retract come before"
+    assert message == f"task.step {number} ({step.do}): the tool presses here: insert a retract before"
 
 
-def test_the_number_of_a_step_in_a_repeat_tells_its_pass():
-    told = refused(Repeat(times=2, step=(Approach(), Track(path=LINE))), Retract())
-    assert told == "task.step 1.1 (approach, pass 2): the tool presses here: let a retract come before"
+def test_step_label_in_repeat_contains_pass():
+    message = refused(Repeat(times=2, step=(Approach(), Track(path=LINE))), Retract())
+    assert message == "task.step 1.1 (approach, pass 2): the tool presses here: insert a retract before"
 
 
 @pytest.mark.parametrize("steps", [(), (Approach(),), (Approach(), Hold(for_s=1.0))])
-def test_a_program_that_ends_pressing_is_refused(steps):
-    assert refused(*steps) == ("task.step: the last step must be a retract, so that no program ends pressing")
+def test_program_ending_in_contact_is_refused(steps):
+    assert refused(*steps) == (
+        "task.step: the last step must be a retract, because a program must not end in contact"
+    )
 
 
-def test_a_path_that_begins_elsewhere_is_refused():
+def test_path_not_at_tool_is_refused():
     path = Polyline(points_mm=((1.0, 0.0), (5.0, 0.0)))
-    told = refused(Approach(), Track(path=path), Retract())
-    assert told == (
-        "task.step 2 (track): the path begins at 1, 0 mm, but the tool is at 0, 0 mm: let a move come before"
+    message = refused(Approach(), Track(path=path), Retract())
+    assert message == (
+        "task.step 2 (track): the path begins at 1, 0 mm, but the tool is at 0, 0 mm: insert a move before"
     )
 
 
 @pytest.mark.parametrize("path", [Raster(size_mm=(5.0, 5.0)), Polyline(points_mm=((0.0, 0.0), (5.0, 0.0)))])
-def test_a_path_is_refused_where_the_place_of_the_tool_is_not_known(path):
-    told = refused(Approach(), Track(path=path), Retract(), origin_known=True)
-    assert told == (
-        "task.step 2 (track): the path begins at 0, 0 mm, but the tool's place is not known here: "
-        "let a move come before"
+def test_path_from_unknown_position_is_refused(path):
+    message = refused(Approach(), Track(path=path), Retract(), origin_known=True)
+    assert message == (
+        "task.step 2 (track): the path begins at 0, 0 mm, but the tool's position is not known here: "
+        "insert a move before"
     )
     row_of(Move(to_mm=(0.0, 0.0)), Approach(), Track(path=path), Retract(), origin_known=True)
 
 
-def test_a_line_to_a_place_is_refused_where_the_place_of_the_tool_is_not_known():
-    told = refused(Approach(), Track(path=Line(to_mm=(1.0, 1.0))), Retract(), origin_known=True)
-    assert told.startswith("task.step 2 (track): where the path begins is not known")
+def test_line_from_unknown_position_is_refused():
+    message = refused(Approach(), Track(path=Line(to_mm=(1.0, 1.0))), Retract(), origin_known=True)
+    assert message.startswith("task.step 2 (track): where the path begins is not known")
 
 
-def test_a_program_of_too_many_steps_is_refused():
+def test_program_with_too_many_steps_is_refused():
     passes = Repeat(times=1000, step=(Zero(),) * 6)
     assert refused(passes, Retract()) == (
         f"task.step: more than {LEGS_MAX} steps, with the passes of a repeat"
@@ -366,31 +368,31 @@ def test_a_program_of_too_many_steps_is_refused():
     [Approach(speed_mm_s=51.0), Move(to_mm=(1.0, 1.0), speed_mm_s=51.0), Retract(speed_mm_s=51.0)],
     ids=lambda step: step.do,
 )
-def test_a_speed_beyond_the_robots_is_refused(step):
+def test_leg_speed_above_robot_is_refused(step):
     assert refused(step, Retract()) == (
         f"task.step 1 ({step.do}): speed_mm_s of 51 is faster than the robot's path velocity: lower it, or set "
         "robot.velocity_mm_s, now 50"
     )
 
 
-def test_a_speed_beyond_the_limit_of_travel_is_refused():
-    told = refused(Approach(), Track(path=LINE, speed_mm_s=30.0), Retract())
-    assert told == "task.step 2 (track): speed_mm_s of 30 is above limits.travel_mm_s of 27.5"
+def test_leg_speed_above_travel_limit_is_refused():
+    message = refused(Approach(), Track(path=LINE, speed_mm_s=30.0), Retract())
+    assert message == "task.step 2 (track): speed_mm_s of 30 is above limits.travel_mm_s of 27.5"
     own = StepLimits(travel_mm_s=4.0)
-    told = refused(Move(to_mm=(1.0, 1.0), speed_mm_s=5.0, limits=own), Retract())
-    assert told == "task.step 1 (move): speed_mm_s of 5 is above limits.travel_mm_s of 4"
+    message = refused(Move(to_mm=(1.0, 1.0), speed_mm_s=5.0, limits=own), Retract())
+    assert message == "task.step 1 (move): speed_mm_s of 5 is above limits.travel_mm_s of 4"
 
 
-def test_an_approach_beyond_the_limit_of_correction_is_refused():
-    told = refused(Approach(speed_mm_s=12.0), Retract())
-    assert told == "task.step 1 (approach): speed_mm_s of 12 is above limits.correction_mm_s"
+def test_approach_speed_above_limit_is_refused():
+    message = refused(Approach(speed_mm_s=12.0), Retract())
+    assert message == "task.step 1 (approach): speed_mm_s of 12 is above limits.correction_mm_s"
 
 
 # --- settings of single steps
 
 
 @pytest.mark.parametrize(
-    ("step", "settings", "told"),
+    ("step", "settings", "message"),
     [
         (Approach, {"speed_mm_s": 0.0}, "speed_mm_s"),
         (Approach, {"contact_n": -1.0}, "contact_n"),
@@ -409,7 +411,7 @@ def test_an_approach_beyond_the_limit_of_correction_is_refused():
         (Retract, {"back_mm": -1.0}, "back_mm"),
         (Retract, {"speed_mm_s": 0.0}, "speed_mm_s"),
         (Move, {"to_mm": (0.0, 0.0), "speed_mm_s": 0.0}, "speed_mm_s"),
-        (Move, {"to_mm": (math.nan, 0.0)}, "to_mm must be finite places in mm"),
+        (Move, {"to_mm": (math.nan, 0.0)}, "to_mm must be finite points in mm"),
         (Zero, {"for_ms": 0.0}, "for_ms"),
         (Zero, {"settle_ms": -1.0}, "settle_ms"),
         (Zero, {"at_most_n": 0.0}, "at_most_n"),
@@ -422,15 +424,15 @@ def test_an_approach_beyond_the_limit_of_correction_is_refused():
         (Repeat, {"times": 2, "step": (Track(path=LINE),), "until_removed_mm": 0.0}, "until_removed_mm"),
     ],
 )
-def test_a_step_that_makes_no_sense_is_refused(step, settings, told):
-    with pytest.raises(ValueError, match=told):
+def test_invalid_step_settings_are_refused(step, settings, message):
+    with pytest.raises(ValueError, match=message):
         step(**settings)
 
 
 # --- how long it takes
 
 
-def test_the_time_of_each_step_is_known_before():
+def test_leg_duration_is_estimated():
     row = row_of(
         Move(to_mm=(3.0, 4.0), speed_mm_s=5.0),
         Zero(settle_ms=1000.0, for_ms=500.0),
@@ -443,7 +445,7 @@ def test_the_time_of_each_step_is_known_before():
     assert seconds(row) == pytest.approx([1.0, 1.5, 2.0, 2.5, 1.0, 3.0, 2.0])
 
 
-def test_a_track_that_never_ends_is_refused():
+def test_endless_track_is_refused():
     row = row_of(Approach(), Track(path=LINE), Retract(), speed_mm_s=0.0)
     with pytest.raises(
         ConfigError, match=re.escape("task.step 2 (track): it never ends; give speed_mm_s above 0")

@@ -1,4 +1,4 @@
-"""Rule bases of one's own: read, checked, and inferred like the paper's."""
+"""Custom rule bases: read, checked, and inferred like the paper's."""
 
 import math
 import tomllib
@@ -42,11 +42,11 @@ rules = [
 """
 
 
-def test_the_papers_base_survives_being_written_and_read():
+def test_paper_rule_base_round_trips():
     assert parse_rules(rules_as_toml(PAPER_RULES)) == PAPER_RULES
 
 
-def test_a_base_of_ones_own_survives_it_too_and_writes_plain_toml():
+def test_custom_rule_base_round_trips_as_plain_toml():
     base = parse_rules(SMALL)
     assert parse_rules(rules_as_toml(base)) == base
     assert tomllib.loads(rules_as_toml(base))["inference"]["rules"][0] == ["N", "down", "in"]
@@ -55,7 +55,7 @@ def test_a_base_of_ones_own_survives_it_too_and_writes_plain_toml():
     assert base.printed is None
 
 
-def test_names_of_terms_may_hold_anything():
+def test_term_names_may_contain_any_text():
     base = parse_rules(
         SMALL.replace('"down"', '"langsam, \\"fallend\\" ∧"').replace(".down", '."langsam, \\"fallend\\" ∧"')
     )
@@ -63,7 +63,7 @@ def test_names_of_terms_may_hold_anything():
     assert parse_rules(rules_as_toml(base)) == base
 
 
-def test_the_papers_base_answers_with_either_table():
+def test_paper_rule_base_supports_both_tables():
     printed, computed = (
         [
             [int(system.evaluate(error, change).level_output) for change in (-30.0, -0.1, 30.0)]
@@ -76,28 +76,28 @@ def test_the_papers_base_answers_with_either_table():
 
 
 @pytest.mark.parametrize("surface", [Surface.PAPER, Surface.RULES])
-def test_a_small_base_answers_as_worked_out_by_hand(surface):
+def test_small_rule_base_matches_hand_calculation(surface):
     system = InferenceSystem(parse_rules(SMALL), surface)
     # One rule fully: `in` is 0.5 at 1.5 and 1 at 3, its centre of gravity 2.5, the nearest level 3.
-    answer = system.evaluate(-50.0, -50.0)
-    assert (answer.level_error, answer.level_change, answer.level_output) == (-1, -2, 3.0)
+    result = system.evaluate(-50.0, -50.0)
+    assert (result.level_error, result.level_change, result.level_output) == (-1, -2, 3.0)
     # N and P to 0.5 each, `down` to 0.6: in and stay cut at 0.5, (−1.5+1.5+3)·0.5 over 4·0.5 is 0.75, equally
     # near to 0 and to 1.5.
-    answer = system.evaluate(0.0, -10.0)
-    assert (answer.level_error, answer.level_change, answer.level_output) == (0, -1, 0.0)
+    result = system.evaluate(0.0, -10.0)
+    assert (result.level_error, result.level_change, result.level_output) == (0, -1, 0.0)
 
 
-def test_its_continuous_surface_is_not_rounded():
+def test_continuous_surface_is_not_rounded():
     system = InferenceSystem(parse_rules(SMALL), Surface.CONTINUOUS)
     # A change of −10 % lies in the middle of level −1; error 0 in the middle of level 0.
-    answer = system.evaluate(0.0, -10.0)
-    assert (answer.level_error, answer.level_change) == (0.0, pytest.approx(-1.0))
-    assert answer.level_output == pytest.approx(0.75)
+    result = system.evaluate(0.0, -10.0)
+    assert (result.level_error, result.level_change) == (0.0, pytest.approx(-1.0))
+    assert result.level_output == pytest.approx(0.75)
     assert system.evaluate(-50.0, -50.0).level_output == pytest.approx(2.5)
 
 
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.sampled_from(Surface))
-def test_what_fired_explains_the_answer(error, change, surface):
+def test_fired_rules_explain_output(error, change, surface):
     system = InferenceSystem(PAPER_RULES, surface)
     fired = system.explain(error, change)
     levels = fired.pop("level_error"), fired.pop("level_change"), fired.pop("level_output")
@@ -115,7 +115,7 @@ def test_what_fired_explains_the_answer(error, change, surface):
     assert system.evaluate(error, change).level_output == pytest.approx(centre, abs=slack)
 
 
-def test_rules_that_fire_are_named_with_their_weights():
+def test_fired_rules_are_named_with_weights():
     system = InferenceSystem(PAPER_RULES, Surface.PAPER)
     # Error level −6: NB 1, NM 0.3. Change level 0: ZO 1, NS and PS 0.3.
     fired = {
@@ -133,13 +133,13 @@ def test_rules_that_fire_are_named_with_their_weights():
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "says"),
+    ("before", "after", "message"),
     [
-        ('["N", "up", "stay"],', "", "rules: there is none for error N with change up"),
+        ('["N", "up", "stay"],', "", "rules: no rule for error N with change up"),
         (
             '["N", "up", "stay"],',
             '["N", "up", "stay"], ["N", "up", "in"],',
-            "rules, number 3: error N with change up gives in, but stay in a rule before",
+            "rules, number 3: error N with change up gives in, but stay in an earlier rule",
         ),
         ('["N", "up", "stay"]', '["N", "up", "away"]', "number 2: output has no term 'away'"),
         ('["N", "up", "stay"]', '["N", "sideways", "stay"]', "number 2: change has no term 'sideways'"),
@@ -168,25 +168,25 @@ def test_rules_that_fire_are_named_with_their_weights():
         ("edges_percent = [-20.0, 0.0, 20.0]", "", "change.edges_percent is missing"),
         ("levels = [-1, 0, 1]", "levels = [-1, 0, 0]", "error.levels must ascend, but 0 follows 0"),
         ("levels = [-1, 0, 1]", "", "error.levels is missing"),
-        ("levels = [-1, 0, 1]", "level = [-1, 0, 1]", "level is no entry of a rule base; known: change"),
-        ("levels = [-3.0", "edges_percent = []\nlevels = [-3.0", "output.edges_percent is no entry"),
+        ("levels = [-1, 0, 1]", "level = [-1, 0, 1]", "level is not an entry of a rule base; known: change"),
+        ("levels = [-3.0", "edges_percent = []\nlevels = [-3.0", "output.edges_percent is not an entry"),
         ("[inference]", "[inference]\nprinted = [[0, 0], [0, 0]]", "printed must have 3 rows of 4 numbers"),
         (
             "[inference]",
             f"[inference]\nprinted = {[[9.0] * 4] * 3}",
             "printed must stay within the output's levels",
         ),
-        ("[inference]", "[inference", "is no TOML"),
+        ("[inference]", "[inference", "is not valid TOML"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line_with_file_and_entry(tmp_path, before, after, says):
+def test_rule_error_names_file_and_entry_in_one_line(tmp_path, before, after, message):
     assert before in SMALL
     path = tmp_path / "mine.toml"
     path.write_text(SMALL.replace(before, after, 1), encoding="utf-8")
     with pytest.raises(ConfigError) as raised:
         read_rules(path)
     text = str(raised.value)
-    assert says in text
+    assert message in text
     assert text.startswith(str(path))
     assert "\n" not in text
 
@@ -196,11 +196,11 @@ def test_several_missing_rules_are_counted():
         parse_rules(SMALL[: SMALL.index("[inference]")] + "[inference]\nrules = []\n")
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path):
+def test_unreadable_rules_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"cannot read .*none\.toml: No such file"):
         read_rules(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(ConfigError, match=r"bytes\.toml is no text"):
+    with pytest.raises(ConfigError, match=r"bytes\.toml is not valid utf-8"):
         read_rules(tmp_path / "bytes.toml")
 
 
@@ -214,7 +214,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
     ),
     st.sampled_from(["levels", "terms", "error", "change", "output", "inference"]),
 )
-def test_no_content_raises_anything_else(value, entry):
+def test_invalid_rules_raise_only_config_error(value, entry):
     from hil_bridge.control.laws import rules
 
     values = tomllib.loads(SMALL) | {entry: value}

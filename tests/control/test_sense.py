@@ -1,4 +1,4 @@
-"""A sample as a program sees it, against numpy: a turned tool, and a frame of which no axis is one of the base."""
+"""Sample as a program receives it, compared with numpy, with a rotated tool and a frame not aligned with the base."""
 
 import math
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ SAMPLE = Sample(
 
 @dataclass(frozen=True, slots=True)
 class Sweeps(Move):
-    """A move of a plug-in, along a path."""
+    """A move of a plug-in along a path."""
 
     def make_way(self, begin: Place | None) -> Way:
         return way_of(Line(length_mm=20.0).corners((0.0, 0.0)))
@@ -76,7 +76,7 @@ ON_THE_TRACK = ProgramState(
 def changed(
     state: ProgramState, *, heading: Place = HEADING, at: Place = (0.0, 0.0), **course: Any
 ) -> ProgramState:
-    """The state with other parts of its course, and another path."""
+    """State with other values in its course, and another path."""
     return ProgramState(replace(state.course, **course), StepState(heading=heading, at=at))
 
 
@@ -86,67 +86,67 @@ def sense(
     return program.sense(state, sample, START, ORDERED, DT)
 
 
-def test_places_and_forces_are_those_along_the_axes_of_the_frame() -> None:
-    state, felt = sense(TRACKING, TRACKING.initial())
+def test_sense_uses_work_frame_axes() -> None:
+    state, contact = sense(TRACKING, TRACKING.initial())
     depth, x, y = AXES @ (np.array(POSITION) - START)
-    measurement = felt.measurement
-    assert (measurement.position, *felt.place) == pytest.approx((depth, x, y), abs=1e-15)
-    assert felt.force == (9.0, 2.0, -3.0)
-    assert felt.wrench == SAMPLE.wrench
+    measurement = contact.measurement
+    assert (measurement.position, *contact.place) == pytest.approx((depth, x, y), abs=1e-15)
+    assert contact.force == (9.0, 2.0, -3.0)
+    assert contact.wrench == SAMPLE.wrench
     assert (measurement.force, measurement.paired_force) == (9.0, 8.5)
     assert (measurement.time, measurement.commanded, measurement.dt) == (0.99, ORDERED, DT)
-    assert measurement.travel == felt.place[0]
+    assert measurement.travel == contact.place[0]
     assert measurement.advance == 1.0
     assert state.course.start is not None
 
 
-def test_a_held_tool_does_not_advance() -> None:
+def test_sense_held_tool_does_not_advance() -> None:
     assert sense(TRACKING, ON_THE_TRACK, replace(SAMPLE, held=True))[1].measurement.advance == 0.0
 
 
-def test_the_way_along_a_path_counts_from_where_it_begins_and_the_force_against_it() -> None:
-    state, felt = sense(TRACKING, ON_THE_TRACK)
-    x, y = felt.place
+def test_sense_travel_starts_at_path_start() -> None:
+    state, contact = sense(TRACKING, ON_THE_TRACK)
+    x, y = contact.place
     along = (x - 3e-3) * HEADING[0] + (y + 2e-3) * HEADING[1]
     assert 0.0 < along < 50e-3, "on the first piece"
     assert state.course.reached == pytest.approx(along, abs=1e-15)
-    assert felt.measurement.travel == pytest.approx(0.1 + along, abs=1e-15)
-    assert felt.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
+    assert contact.measurement.travel == pytest.approx(0.1 + along, abs=1e-15)
+    assert contact.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
 
 
-def test_a_step_that_has_not_begun_is_felt_on_its_own_way_from_where_the_tool_was_ordered_to() -> None:
+def test_sense_new_step_uses_its_own_path() -> None:
     before = changed(ON_THE_TRACK, began=None, at=(2e-3, 1e-3), heading=(0.0, 1.0), reached=0.01)
-    _, felt = sense(TRACKING, before)
-    x, y = felt.place
+    _, contact = sense(TRACKING, before)
+    x, y = contact.place
     along = (x - 2e-3) * HEADING[0] + (y - 1e-3) * HEADING[1]
-    assert felt.measurement.travel == pytest.approx(before.step.stroke.travel + along, abs=1e-15)
-    assert felt.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
+    assert contact.measurement.travel == pytest.approx(before.step.stroke.travel + along, abs=1e-15)
+    assert contact.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
 
 
-def test_a_tool_that_leaves_is_pushed_against_the_way_that_it_was_on() -> None:
+def test_sense_leaving_tool_keeps_last_direction() -> None:
     leaving = changed(ON_THE_TRACK, began=None, reason=Reason(Cause.FORCE, "too much"), heading=(0.0, 1.0))
     assert sense(TRACKING, leaving)[1].measurement.against == -3.0
 
 
-def test_the_zero_of_a_program_comes_off_force_and_paired_force() -> None:
+def test_sense_subtracts_program_zero_from_forces() -> None:
     zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
     turn = Rotation.from_quat(SAMPLE.quaternion, scalar_first=True)
     added = AXES @ turn.apply(zero[:3])
-    measurement = (felt := sense(TRACKING, changed(ON_THE_TRACK, zero=zero))[1]).measurement
+    measurement = (contact := sense(TRACKING, changed(ON_THE_TRACK, zero=zero))[1]).measurement
     force = np.array((9.0, 2.0, -3.0)) + added
-    assert felt.force == pytest.approx(force, abs=1e-12)
-    assert measurement.force == felt.force[0]
+    assert contact.force == pytest.approx(force, abs=1e-12)
+    assert measurement.force == contact.force[0]
     assert measurement.paired_force == pytest.approx(8.5 + added[0], abs=1e-12)
     assert measurement.against == pytest.approx(force[1] * HEADING[0] + force[2] * HEADING[1], abs=1e-12)
-    assert felt.wrench == pytest.approx(np.array(SAMPLE.wrench) - zero, abs=1e-12)
+    assert contact.wrench == pytest.approx(np.array(SAMPLE.wrench) - zero, abs=1e-12)
     unpaired = sense(TRACKING, changed(ON_THE_TRACK, zero=zero), replace(SAMPLE, paired_force=None))
     assert unpaired[1].measurement.paired_force is None
 
 
-def test_a_force_across_that_was_not_told_is_found_in_the_wrench() -> None:
+def test_sense_missing_force_across_is_from_wrench() -> None:
     turn = Rotation.from_quat(SAMPLE.quaternion, scalar_first=True)
-    _, felt = sense(TRACKING, ON_THE_TRACK, replace(SAMPLE, force_across=None))
-    assert felt.force[2] == pytest.approx(-AXES[2] @ turn.apply(SAMPLE.wrench[:3]), abs=1e-12)
+    _, contact = sense(TRACKING, ON_THE_TRACK, replace(SAMPLE, force_across=None))
+    assert contact.force[2] == pytest.approx(-AXES[2] @ turn.apply(SAMPLE.wrench[:3]), abs=1e-12)
     for unknown in (replace(SAMPLE, quaternion=()), replace(SAMPLE, wrench=())):
         assert sense(TRACKING, ON_THE_TRACK, replace(unknown, force_across=None))[1].force == (9.0, 2.0, 0.0)
 
@@ -154,13 +154,13 @@ def test_a_force_across_that_was_not_told_is_found_in_the_wrench() -> None:
 @pytest.mark.parametrize(
     ("step", "against"), [(Move(to_mm=(5.0, 0.0)), 0.0), (Sweeps(to_mm=(5.0, 0.0)), 2.0)]
 )
-def test_a_force_against_a_move_counts_where_a_path_leads_it(step: Step, against: float) -> None:
+def test_sense_force_against_needs_a_path(step: Step, against: float) -> None:
     program = program_of(step, Approach(), Retract())
     assert program.row.legs[0].phase is Phase.MOVE
     assert sense(program, program.initial())[1].measurement.against == against
 
 
-def test_a_force_along_the_normal_does_not_advance_a_tool_that_is_held() -> None:
+def test_sense_held_tool_along_normal_does_not_advance() -> None:
     stroke = Stroke(TaskParameters(approach_depth_limit_mm=30.0), Presses(), 50.0, 1e-6)
     row = legs_of((Approach(), Track(path=BENT), Retract()), Ground(stroke, Limits(), 50.0, follows=True))
     program = Program(row, stroke, FRAME)

@@ -1,4 +1,4 @@
-"""A model of the robot's servo tells the controller the position, where the robot reports its own with noise."""
+"""Model of the robot's servo that replaces a noisy reported position."""
 
 import math
 from statistics import fmean
@@ -33,15 +33,15 @@ def at(position: float, commanded: float, force: float = FORCE, dt: float = DT, 
 # --- the model
 
 
-def test_it_begins_where_the_robot_is_and_comes_with_an_even_speed_or_stands() -> None:
+def test_servo_model_starts_at_reported_position() -> None:
     ordered = at(1e-3, 1e-3 + 0.01 * LAG)
     assert SERVO.begin(ordered, coming=False) == Served(1e-3, 0.0)
     assert SERVO.begin(ordered, coming=True).position == 1e-3
     assert SERVO.begin(ordered, coming=True).speed == pytest.approx(0.01)
 
 
-def test_an_even_approach_goes_on_without_a_jolt() -> None:
-    """The robot comes with 5 mm/s, and so does the model from its first sample on."""
+def test_servo_model_continues_constant_approach_smoothly() -> None:
+    """The robot approaches at 5 mm/s, and so does the model from its first sample on."""
     served = SERVO.begin(at(0.0, 5e-3 * LAG), coming=True)
     for k in range(1, 20):
         served = SERVO.after(served, at(5e-3 * DT * k, 5e-3 * (LAG + DT * k)))
@@ -50,7 +50,7 @@ def test_an_even_approach_goes_on_without_a_jolt() -> None:
 
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.008])
 @pytest.mark.parametrize("damping", [0.5, 1.0, 2.0])
-def test_a_steady_motion_comes_later_by_the_lag(dt: float, damping: float) -> None:
+def test_servo_model_lags_steady_motion(dt: float, damping: float) -> None:
     servo, speed = Servo(LAG, damping, math.inf), 0.01
     served = Served(0.0)
     samples = round(1.0 / dt)
@@ -62,7 +62,7 @@ def test_a_steady_motion_comes_later_by_the_lag(dt: float, damping: float) -> No
 
 @pytest.mark.parametrize("dt", [0.0005, 0.002, 0.36])
 @pytest.mark.parametrize("lag", [1e-6, LAG, 1.0])
-def test_it_ends_at_an_order_that_stands_and_never_swings_up(dt: float, lag: float) -> None:
+def test_servo_model_settles_without_growing_oscillation(dt: float, lag: float) -> None:
     servo, served = Servo(lag, DAMPING, math.inf), Served(0.0)
     for _ in range(round(20 * max(lag, dt) / dt)):
         served = servo.after(served, at(0.0, 1e-3, dt=dt))
@@ -70,19 +70,19 @@ def test_it_ends_at_an_order_that_stands_and_never_swings_up(dt: float, lag: flo
     assert served.position == pytest.approx(1e-3, rel=1e-3)
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
-def test_it_stays_near_the_reported_position_and_leaves_the_bound_at_once(way: float) -> None:
-    """A robot that is held up: the model must not run away from it, nor keep what it was ordered meanwhile."""
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_servo_model_stays_near_reported_position(direction: float) -> None:
+    """With a blocked robot, the model must neither run away from it nor keep the orders of the meantime."""
     served = Served(0.0)
     for k in range(500):
-        served = SERVO.after(served, at(0.0, way * 1e-5 * k))
+        served = SERVO.after(served, at(0.0, direction * 1e-5 * k))
         assert abs(served.position) <= BOUND
-    assert served.position == way * BOUND
+    assert served.position == direction * BOUND
     back = SERVO.after(replace(served, speed=0.0), at(0.0, 0.0))
     assert abs(back.position) < BOUND
 
 
-def test_a_sample_without_time_changes_nothing() -> None:
+def test_servo_model_ignores_sample_without_duration() -> None:
     served = Served(1e-4, 0.02)
     assert SERVO.after(served, at(1e-4, 9e-3, dt=0.0)) == served
 
@@ -90,7 +90,7 @@ def test_a_sample_without_time_changes_nothing() -> None:
 # --- the controller with it
 
 
-def held(**parameters: float) -> tuple[float, str]:
+def control_error(**parameters: float) -> tuple[float, str]:
     """Root mean square of the force error after 0.5 s on 50 kN/m, N, and why the run stopped. The arm is on its
     targets, and reports where it is with noise.
     """
@@ -107,29 +107,29 @@ def held(**parameters: float) -> tuple[float, str]:
     config = read_config(merged(CLOSE, settings))
     run = simulate(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
-    settled = [cycle.force for cycle in track if cycle.sample.sensor_at >= track[0].sample.sensor_at + 0.5]
-    return math.sqrt(fmean((force - FORCE) ** 2 for force in settled)), run.text
+    steady = [cycle.force for cycle in track if cycle.sample.sensor_at >= track[0].sample.sensor_at + 0.5]
+    return math.sqrt(fmean((force - FORCE) ** 2 for force in steady)), run.text
 
 
 @pytest.mark.full
-def test_a_noisy_position_no_longer_shakes_the_tool() -> None:
-    modelled, cause = held()
+def test_servo_model_suppresses_position_noise() -> None:
+    modelled, cause = control_error()
     assert cause == ""
     assert modelled < 0.5
-    reported, _ = held(servo_lag_ms=0.0)
+    reported, _ = control_error(servo_lag_ms=0.0)
     assert reported > 4 * modelled
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("parameters", [{"servo_lag_ms": 24.0}, {"servo_lag_ms": 44.0, "servo_damping": 1.0}])
-def test_a_servo_that_is_known_badly_still_holds(parameters: dict[str, float]) -> None:
-    rms, cause = held(**parameters)
+def test_servo_model_with_wrong_lag_is_stable(parameters: dict[str, float]) -> None:
+    rms, cause = control_error(**parameters)
     assert cause == ""
     assert rms < 1.0
 
 
-def test_a_blocked_robot_is_ordered_no_deeper_than_the_bound_beyond_the_force() -> None:
-    """It stands and its force stays too low: the order must not wander off into the surface."""
+def test_servo_model_blocked_robot_order_is_bounded() -> None:
+    """The robot is stationary and the force stays too low: the order must not drift into the surface."""
     controller = Predictive(**TUNED, servo_lag_ms=34.0)
     state, commanded, stiffness = controller.initial(), 0.0, 2e4
     for k in range(40):  # it learns the stiffness in motion
@@ -144,11 +144,11 @@ def test_a_blocked_robot_is_ordered_no_deeper_than_the_bound_beyond_the_force() 
     assert deepest <= (FORCE - 4.0) / command.stiffness + BOUND + 1e-5
 
 
-def test_a_lost_contact_begins_the_model_anew() -> None:
+def test_servo_model_restarts_after_contact_loss() -> None:
     controller = Predictive(servo_lag_ms=34.0)
     state, _ = controller.step(controller.initial(), at(0.0, 1e-4), FORCE)
     assert state.served is not None
-    assert state.served.speed == pytest.approx(1e-4 / LAG), "at a first touch the tool is on its way"
+    assert state.served.speed == pytest.approx(1e-4 / LAG), "at a first touch the tool is moving"
     state, _ = controller.step(state, at(0.0, 1e-4), FORCE)
     assert state.served is not None
     assert state.served.position > 0.0
@@ -159,7 +159,7 @@ def test_a_lost_contact_begins_the_model_anew() -> None:
     assert state.served == Served(5e-4, 0.0)
 
 
-def test_without_a_lag_the_reported_position_counts() -> None:
+def test_servo_model_without_lag_uses_reported_position() -> None:
     controller = Predictive()
     state, _ = controller.step(controller.initial(), at(0.0, 1e-4), FORCE)
     state, _ = controller.step(state, at(3e-4, 1e-4), FORCE)
@@ -171,7 +171,7 @@ def test_without_a_lag_the_reported_position_counts() -> None:
     "wrong",
     [{"servo_lag_ms": -1.0}, {"servo_damping": 0.0}, {"servo_error_mm": 0.0}, {"servo_lag_ms": math.nan}],
 )
-def test_impossible_settings_are_refused(wrong: dict[str, Any]) -> None:
+def test_servo_model_invalid_settings_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(SettingError, match=next(iter(wrong))):
         Predictive(**wrong)
 
@@ -179,23 +179,23 @@ def test_impossible_settings_are_refused(wrong: dict[str, Any]) -> None:
 # --- small moves that add up
 
 
-def test_with_a_model_small_moves_add_up_and_without_one_they_do_not() -> None:
+def test_servo_model_lets_small_moves_add_up() -> None:
     assert Predictive(servo_lag_ms=34.0).pairing.span_ms == 100.0
     assert Predictive().pairing.span_ms == 0.0
 
 
-@pytest.mark.parametrize(("span_ms", "found"), [(0.0, False), (50.0, True)])
-def test_small_moves_add_up_for_the_span_once_there_is_an_estimate(span_ms: float, found: bool) -> None:
-    """The surface is twice as hard as the estimate says; no two neighbours are far enough apart to show it."""
+@pytest.mark.parametrize(("span_ms", "is_estimated"), [(0.0, False), (50.0, True)])
+def test_pairing_small_moves_add_up_within_span(span_ms: float, is_estimated: bool) -> None:
+    """The surface is twice as hard as estimated; no two adjacent samples are far enough apart to show it."""
     pairing = Pairing(resolution_mm=0.01, span_ms=span_ms)
     estimate = Stiffness(moved=1e-8, pressed=1e-8 * 1e4, force=2.0, position=0.0)
     for k in range(1, 40):
         position = k * 2e-6
         estimate = observe(estimate, pairing, at(position, position, 2.0 + 2e4 * position))
-    assert (estimate.value != pytest.approx(1e4, rel=1e-6)) is found
+    assert (estimate.value != pytest.approx(1e4, rel=1e-6)) is is_estimated
 
 
-def test_an_older_half_is_given_up_after_the_span() -> None:
+def test_pairing_old_sample_is_replaced_after_span() -> None:
     pairing = Pairing(resolution_mm=0.01, span_ms=62.5)
     estimate = Stiffness(moved=1e-8, pressed=1e-8 * 1e4, force=2.0, position=0.0)
     for _ in range(3):
@@ -216,16 +216,16 @@ def parameters(robot: str, controller: dict[str, Any] | None = None, **more: Any
     return dict(config.controller.parameters)
 
 
-def test_a_robot_that_reports_with_noise_is_known_by_its_servo() -> None:
-    found = parameters("rtde")
+def test_set_pace_noisy_robot_uses_servo_model() -> None:
+    result = parameters("rtde")
     # 30 ms of servoj's lookahead, and two cycles to the arm
-    assert found["servo_lag_ms"] == pytest.approx(34.0)
-    assert found["servo_damping"] == pytest.approx(0.67, abs=0.01)
+    assert result["servo_lag_ms"] == pytest.approx(34.0)
+    assert result["servo_damping"] == pytest.approx(0.67, abs=0.01)
     slow = parameters("rtde", cell={"rtde": {"servo_gain_scale": 0.25}})
-    assert slow["servo_damping"] == pytest.approx(found["servo_damping"] / 2)
+    assert slow["servo_damping"] == pytest.approx(result["servo_damping"] / 2)
 
 
-def test_a_set_point_that_trails_makes_a_servo_later() -> None:
+def test_set_pace_trailing_set_point_adds_lag() -> None:
     servo = ServoFacts(
         interpolation_s=0.004,
         transport_delay_s=0.01,
@@ -238,16 +238,16 @@ def test_a_set_point_that_trails_makes_a_servo_later() -> None:
 
 
 @pytest.mark.parametrize("robot", ["egm", "rsi"])
-def test_a_robot_that_reports_without_noise_is_believed(robot: str) -> None:
+def test_set_pace_exact_robot_uses_reported_position(robot: str) -> None:
     assert "servo_lag_ms" not in parameters(robot)
 
 
 @pytest.mark.parametrize("name", ["pi", "fuzzy-adaptive"])
-def test_a_controller_without_a_model_is_told_of_none(name: str) -> None:
+def test_set_pace_passes_no_servo_to_other_controllers(name: str) -> None:
     assert "servo_lag_ms" not in parameters("rtde", {"name": name})
 
 
-def test_a_controller_of_another_package_is_told_what_it_has_a_field_for(
+def test_set_pace_passes_servo_to_matching_plugin_fields(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Lagging:
@@ -259,9 +259,9 @@ def test_a_controller_of_another_package_is_told_what_it_has_a_field_for(
     assert parameters("egm", {"name": "pi"}) == {}
 
 
-def test_a_given_lag_counts_and_a_given_sample_time_leaves_all_as_it_is() -> None:
-    given = parameters("rtde", {"name": "predictive", "parameters": {"servo_lag_ms": 0.0}})
-    assert given["servo_lag_ms"] == 0.0
+def test_set_pace_keeps_configured_lag_and_sample_time() -> None:
+    configured = parameters("rtde", {"name": "predictive", "parameters": {"servo_lag_ms": 0.0}})
+    assert configured["servo_lag_ms"] == 0.0
     assert "servo_lag_ms" not in parameters("rtde", {"name": "predictive", "sample_ms": 2.0}), (
-        "as of a recording from before the model"
+        "as in a recording from before the model"
     )

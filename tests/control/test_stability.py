@@ -20,7 +20,7 @@ from hil_bridge.control.analysis.stability import (
 
 STEP = 0.125e-3
 FAST = 1e5
-"""rad/s: a servo that has settled before the next look."""
+"""Bandwidth of a servo that settles within a sample, rad/s."""
 
 
 def ideal(dead_samples: float = 0.5, period: float = 0.1) -> SampledPlant:
@@ -28,15 +28,15 @@ def ideal(dead_samples: float = 0.5, period: float = 0.1) -> SampledPlant:
 
 
 def simulate(stiffness, integral, plant, offset=0.5, samples=2000, quantise=True, kick=0.0):
-    """Force samples of an integral controller on whole steps; the target is between two of them."""
+    """Return force samples of an integral controller with quantised commands; the target lies between two steps."""
     taps = plant.taps()
     target = stiffness * STEP * (40 + offset)
     commands = [40.3 * STEP + kick] * (len(taps) + 1)
     forces = []
     for _ in range(samples):
         # No command acts at once, so the first tap is 0.
-        words = [round(x / STEP) * STEP if quantise else x for x in reversed(commands[1 - len(taps) :])]
-        force = stiffness * float(np.dot(taps[1:], words))
+        rounded = [round(x / STEP) * STEP if quantise else x for x in reversed(commands[1 - len(taps) :])]
+        force = stiffness * float(np.dot(taps[1:], rounded))
         forces.append(force)
         commands.append(commands[-1] - integral * (force - target))
     return np.array(forces)
@@ -48,45 +48,45 @@ def mean_period(forces, target, period):
     return (rises[-1] - rises[0]) / (len(rises) - 1) * period
 
 
-def test_integrator_with_a_sample_of_delay_has_the_textbook_margins():
+def test_integrator_with_delay_has_textbook_margins():
     # L = g/(z − 1): on the negative real axis at z = −1, where |L| = g/2; |L| = 1 at sin(θ/2) = g/2.
-    found = margins(1000.0, pi_response(0.0, 0.4e-3), ideal())
-    assert found.gain_margin == pytest.approx(2 / 0.4, rel=1e-3)
-    assert found.phase_crossover_rad_s == pytest.approx(math.pi / 0.1, rel=1e-3)
+    result = margins(1000.0, pi_response(0.0, 0.4e-3), ideal())
+    assert result.gain_margin == pytest.approx(2 / 0.4, rel=1e-3)
+    assert result.phase_crossover_rad_s == pytest.approx(math.pi / 0.1, rel=1e-3)
     theta = 2 * math.asin(0.2)
-    assert found.gain_crossover_rad_s == pytest.approx(theta / 0.1, rel=1e-3)
-    assert found.phase_margin_deg == pytest.approx(90 - math.degrees(theta / 2), abs=0.1)
-    assert found.stable
+    assert result.gain_crossover_rad_s == pytest.approx(theta / 0.1, rel=1e-3)
+    assert result.phase_margin_deg == pytest.approx(90 - math.degrees(theta / 2), abs=0.1)
+    assert result.stable
 
 
-def test_a_second_sample_of_delay_halves_the_gain_margin():
+def test_second_delay_sample_halves_gain_margin():
     # L = g/(z(z − 1)): phase −90° − 3θ/2, so θ = π/3, where |L| = g.
-    found = margins(1000.0, pi_response(0.0, 0.4e-3), ideal(1.5))
-    assert found.gain_margin == pytest.approx(1 / 0.4, rel=1e-3)
-    assert found.phase_crossover_rad_s == pytest.approx(math.pi / 3 / 0.1, rel=1e-3)
+    result = margins(1000.0, pi_response(0.0, 0.4e-3), ideal(1.5))
+    assert result.gain_margin == pytest.approx(1 / 0.4, rel=1e-3)
+    assert result.phase_crossover_rad_s == pytest.approx(math.pi / 3 / 0.1, rel=1e-3)
 
 
-def test_phase_of_an_integrator_with_delay_is_a_straight_line():
+def test_integrator_phase_with_delay_is_linear():
     omega = np.array([1.0, 5.0, 20.0])
     phase = loop_phase_deg(1000.0, pi_response(0.0, 1e-3), ideal(1.5), omega)
     assert phase == pytest.approx(-90 - 1.5 * np.degrees(omega * 0.1), abs=0.1)
 
 
 def test_proportional_part_alone_does_not_integrate():
-    found = margins(1000.0, pi_response(0.5e-3, 0.0), ideal())
-    assert found.gain_margin == pytest.approx(2.0, rel=1e-3)  # 0.5/z at z = −1
-    assert found.phase_margin_deg == math.inf
-    assert math.isnan(found.gain_crossover_rad_s)
+    result = margins(1000.0, pi_response(0.5e-3, 0.0), ideal())
+    assert result.gain_margin == pytest.approx(2.0, rel=1e-3)  # 0.5/z at z = −1
+    assert result.phase_margin_deg == math.inf
+    assert math.isnan(result.gain_crossover_rad_s)
 
 
-def test_margin_falls_with_stiffness_as_its_inverse():
+def test_gain_margin_is_inverse_to_stiffness():
     plant = SampledPlant(0.18, 0.13)
     soft, hard = (margins(k, pi_response(0.0, 2e-5), plant).gain_margin for k in (5e3, 5e4))
     assert soft == pytest.approx(10 * hard, rel=1e-6)
 
 
 @pytest.mark.parametrize(("delay", "period"), [(0.13, 0.18), (0.07, 0.1), (0.25, 0.1)])
-def test_a_loop_oscillates_from_its_gain_margin_on(delay, period):
+def test_loop_oscillates_beyond_gain_margin(delay, period):
     plant = SampledPlant(period, delay)
     critical = margins(1e4, pi_response(0.0, 1e-5), plant).gain_margin * 1e-5
     calm, wild = (
@@ -128,17 +128,17 @@ def test_limit_cycle_is_predicted(stiffness, delay, period, loop_gain):
 
 @pytest.mark.parametrize("loop_gain", [0.05, 0.1, 0.2, 0.3, 0.4])
 @pytest.mark.parametrize(("delay", "period"), [(0.05, 0.1), (0.13, 0.18)])
-def test_with_short_delays_the_prediction_bounds_the_swing(delay, period, loop_gain):
+def test_limit_cycle_with_short_delay_is_an_upper_bound(delay, period, loop_gain):
     plant = SampledPlant(period, delay)
     predicted = limit_cycle(2e4, pi_response(0.0, loop_gain / 2e4), plant, Quantiser(STEP))
     assert predicted.period == pytest.approx(4 * period)
     for kick in (0.0, 0.2 * STEP, 0.7 * STEP):
-        swing = np.ptp(simulate(2e4, loop_gain / 2e4, plant, kick=kick)[-400:])
-        assert swing <= 1.02 * predicted.peak_to_peak
+        amplitude = np.ptp(simulate(2e4, loop_gain / 2e4, plant, kick=kick)[-400:])
+        assert amplitude <= 1.02 * predicted.peak_to_peak
 
 
 @pytest.mark.parametrize("offset", [0.2, 0.35, 0.7])
-def test_off_the_middle_the_cycle_is_slower(offset):
+def test_limit_cycle_off_centre_is_slower(offset):
     plant = SampledPlant(0.1, 0.35)
     predicted = limit_cycle(2e4, pi_response(0.0, 0.05 / 2e4), plant, Quantiser(STEP, offset=offset))
     forces = simulate(2e4, 0.05 / 2e4, plant, offset, samples=4000)[-1000:]
@@ -146,7 +146,7 @@ def test_off_the_middle_the_cycle_is_slower(offset):
     assert measured == pytest.approx(predicted.period, rel=0.25)
 
 
-def test_dead_band_makes_it_slower():
+def test_limit_cycle_with_dead_band_is_slower():
     plant = SampledPlant(0.1, 0.15)
     plain, banded = (
         limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, Quantiser(STEP, dead_band=b)) for b in (0.0, 0.5)
@@ -157,8 +157,8 @@ def test_dead_band_makes_it_slower():
 
 @pytest.mark.full
 @pytest.mark.parametrize(("frequency", "damping"), [(25.0, 1.0), (40.0, 1.0), (40.0, 0.7), (40.0, 1.5)])
-def test_a_servo_that_holds_is_held_just_beyond_the_border(frequency, damping):
-    """With samples long after the servo has come to rest the swing is a fixed point in closed form."""
+def test_holding_servo_stops_beyond_border(frequency, damping):
+    """If the servo settles well before each sample, the amplitude is a fixed point in closed form."""
     tick = 0.02
     plant = SampledPlant(1.0, 0.1, frequency, damping)
     fixed, before = [], 0.0
@@ -167,13 +167,13 @@ def test_a_servo_that_holds_is_held_just_beyond_the_border(frequency, damping):
         if before * (0.5 + beyond) < beyond:
             fixed.append(2e4 * STEP * 2.0 * beyond)
         before = f
-    found = holding_limit_cycle(2e4, 0.05 / 2e4, plant, HoldingServo(STEP, tick))
-    assert any(found.peak_to_peak == pytest.approx(swing, rel=0.01) for swing in fixed)
+    result = holding_limit_cycle(2e4, 0.05 / 2e4, plant, HoldingServo(STEP, tick))
+    assert any(result.peak_to_peak == pytest.approx(amplitude, rel=0.01) for amplitude in fixed)
     assert len(fixed) <= 3
-    assert found.period == pytest.approx(2.0, rel=0.01)
+    assert result.period == pytest.approx(2.0, rel=0.01)
 
 
-def test_a_servo_that_holds_swings_farther_while_it_coasts():
+def test_holding_servo_amplitude_grows_while_coasting():
     rested = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(1.0, 0.1), HoldingServo(STEP, 0.02))
     coasting = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), HoldingServo(STEP, 0.02))
     filtered = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), HoldingServo(STEP, 0.02), 0.016)
@@ -181,7 +181,7 @@ def test_a_servo_that_holds_swings_farther_while_it_coasts():
     assert rested.peak_to_peak < filtered.peak_to_peak < coasting.peak_to_peak
 
 
-def test_a_holding_servo_in_an_unstable_loop_is_refused():
+def test_holding_servo_in_unstable_loop_is_refused():
     with pytest.raises(ValueError, match="unstable"):
         holding_limit_cycle(2e4, 30.0 / 2e4, SampledPlant(0.18, 0.1), HoldingServo(STEP, 0.02))
 
@@ -196,7 +196,7 @@ def test_loops_without_a_limit_cycle_are_refused():
         SampledPlant(0.0, 0.1)
 
 
-def test_responses_are_those_of_the_controllers():
+def test_responses_match_the_controllers():
     """The response of a controller object to a force impulse, summed up, is its transfer function."""
     period, stop = 0.18, 400
     z = np.exp(1j * np.array([0.5, 1.5, 3.0]))

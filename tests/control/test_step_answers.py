@@ -1,4 +1,4 @@
-"""Answers of a step of a plug-in: a retraction that is none, and what is no answer at all."""
+"""Answers of a plug-in's step: false retractions, and invalid answers."""
 
 import math
 from collections.abc import Callable
@@ -40,7 +40,7 @@ Answer = Callable[[StepState, ContactSample], Any]
 
 @dataclass(frozen=True, slots=True)
 class Takes(Step):
-    """Answers with this."""
+    """Step that returns this answer."""
 
     answer: Answer
     do: str = "takes"
@@ -61,22 +61,22 @@ def run(answer: Answer, stiffness: float = 5e3, rises: float = 0.0) -> tuple[lis
     stroke = Stroke(TaskParameters(retract_mm=4.0, expected_stiffness_n_m=stiffness), Presses(), 50.0)
     forces: list[float] = []
 
-    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+    def respond(state: LoopState, time: float, position: Vector) -> dict[str, Any]:
         risen = rises * min(max(time - 1.0, 0.0), 4.0)
-        forces.append(stiffness * max(way[0] - 2e-3 + risen, 0.0))
+        forces.append(stiffness * max(position[0] - 2e-3 + risen, 0.0))
         return {"force": forces[-1]}
 
-    return walk(guarded((Approach(), Takes(answer), Retract()), stroke, LIMITS), tell), forces
+    return walk(guarded((Approach(), Takes(answer), Retract()), stroke, LIMITS), respond), forces
 
 
 def deeper(phase: Phase, rate: float) -> Answer:
-    """One that orders the tool deeper by m/s and calls it that phase."""
-    return lambda state, felt: StepResult(state, Order(phase, felt.measurement.commanded + rate * DT))
+    """Return a step that orders the tool deeper at this speed, m/s, under the name of this phase."""
+    return lambda state, contact: StepResult(state, Order(phase, contact.measurement.commanded + rate * DT))
 
 
 @dataclass(frozen=True, slots=True)
 class Zeroes(Takes):
-    """Answers with this in the phase zero."""
+    """Step that returns this answer in the phase zero."""
 
     @property
     def phase(self) -> Phase:
@@ -92,26 +92,26 @@ def run_zero(answer: Answer) -> tuple[list[Decision], list[float]]:
     stroke = Stroke(TaskParameters(retract_mm=4.0, expected_stiffness_n_m=50e3), Presses(), 50.0)
     forces: list[float] = []
 
-    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
-        forces.append(50e3 * max(way[0] - 2e-3, 0.0))
+    def respond(state: LoopState, time: float, position: Vector) -> dict[str, Any]:
+        forces.append(50e3 * max(position[0] - 2e-3, 0.0))
         return {"force": forces[-1]}
 
-    return walk(guarded((Approach(), Zeroes(answer), Retract()), stroke, LIMITS), tell), forces
+    return walk(guarded((Approach(), Zeroes(answer), Retract()), stroke, LIMITS), respond), forces
 
 
 # --- a zero that hides a contact
 
 
 @pytest.mark.parametrize(
-    ("force", "done", "says"),
+    ("force", "done", "message"),
     [
-        (-2.1, True, "its zero takes 2.1 N off; allowed are 2 N"),
-        (1e6, True, "its zero takes 1000000.0 N off; allowed are 2 N"),
-        (math.nan, True, "its zero takes nan N off; allowed are 2 N"),
+        (-2.1, True, "its zero takes 2.1 N off; allowed: at most 2 N"),
+        (1e6, True, "its zero takes 1000000.0 N off; allowed: at most 2 N"),
+        (math.nan, True, "its zero takes nan N off; allowed: at most 2 N"),
         (0.0, False, "it sets a zero, which only a step with the phase zero may do, when it is done"),
     ],
 )
-def test_zero_of_plugin_that_hides_contact_retracts_tool(force: float, done: bool, says: str) -> None:
+def test_zero_of_plugin_that_hides_contact_retracts_tool(force: float, done: bool, message: str) -> None:
     decisions, forces = run_zero(
         lambda state, contact: StepResult(
             state,
@@ -122,7 +122,7 @@ def test_zero_of_plugin_that_hides_contact_retracts_tool(force: float, done: boo
     )
     stop = next(each.verdict for each in decisions if isinstance(each.verdict, Stop))
     assert stop.reason.cause is Cause.STEP_CODE
-    assert says in stop.reason.text
+    assert message in stop.reason.text
     assert forces[-1] == 0.0
 
 
@@ -137,20 +137,18 @@ def test_zero_of_plugin_within_limit_is_used() -> None:
     assert forces[-1] == 0.0
 
 
-# --- a retraction that is none
+# --- false retractions
 
 
 @pytest.mark.parametrize("stiffness", [5e3, 50e3])
 @pytest.mark.parametrize("phase", [Phase.RETRACT, Phase.TRACK, Phase.MOVE, Phase.ZERO])
-def test_a_step_that_presses_is_held_at_the_force_limit_whatever_it_calls_its_order(
-    phase: Phase, stiffness: float
-) -> None:
+def test_pressing_step_is_limited_in_every_phase(phase: Phase, stiffness: float) -> None:
     _, forces = run(deeper(phase, 4e-3), stiffness)
     assert 40.0 < max(forces) <= 50.0 + 1e-6
     assert forces[-1] == 0.0
 
 
-def test_a_step_that_retracts_by_standing_still_yields_to_a_surface_that_rises() -> None:
+def test_stationary_retraction_yields_to_rising_surface() -> None:
     """10 mm/s on 5 kN/m, 50 N in each second: the guard orders it back before the limit."""
     decisions, forces = run(deeper(Phase.RETRACT, 0.0), rises=10e-3)
     assert 40.0 < max(forces) <= 50.0
@@ -160,7 +158,7 @@ def test_a_step_that_retracts_by_standing_still_yields_to_a_surface_that_rises()
 
 
 @pytest.mark.parametrize("back", [1e-9, 0.1e-3])
-def test_a_step_that_retracts_too_slowly_from_a_surface_that_rises_is_retracted_by_the_guard(
+def test_slow_plugin_retraction_is_replaced_by_guard(
     back: float,
 ) -> None:
     """30 mm/s on 5 kN/m are 150 N in each second: the guard stops it, and its own retraction escapes."""
@@ -169,34 +167,36 @@ def test_a_step_that_retracts_too_slowly_from_a_surface_that_rises_is_retracted_
     assert min(each.target.depth for each in decisions) < -50e-3
 
 
-def test_a_step_may_retract_from_a_force_within_the_limit() -> None:
+def test_plugin_retraction_within_force_limit_is_allowed() -> None:
     decisions, _ = run(deeper(Phase.RETRACT, -4e-3))
     back = [each for each in decisions if each.intent.phase is Phase.RETRACT]
     assert all(isinstance(each.verdict, Allow) for each in back)
     assert decisions[-1].intent.reason is None
 
 
-def test_a_step_that_is_stopped_in_what_it_calls_a_retraction_is_retracted() -> None:
-    """80 N come from nowhere while it goes deeper."""
+def test_stopped_plugin_retraction_becomes_built_in() -> None:
+    """A force of 80 N appears without cause while it goes deeper."""
     stroke = Stroke(TaskParameters(retract_mm=4.0), Presses(), 50.0)
     steps = (Approach(), Takes(deeper(Phase.RETRACT, 1e-6)), Retract())
     decisions = walk(
         guarded(steps, stroke, LIMITS),
-        lambda state, time, way: {"force": 80.0 if 2.0 < time < 2.1 else 5e3 * max(way[0] - 2e-3, 0.0)},
+        lambda state, time, position: {
+            "force": 80.0 if 2.0 < time < 2.1 else 5e3 * max(position[0] - 2e-3, 0.0)
+        },
     )
     reason = decisions[-1].intent.reason
     assert reason is not None
     assert reason.cause is Cause.FORCE
-    assert len(decisions) < 4.0 / DT, "at once, and not when its time is up"
+    assert len(decisions) < 4.0 / DT, "at once, and not at its time limit"
 
 
-def test_a_retraction_of_ours_is_not_stopped_in_its_last_sample() -> None:
-    """That sample stands. A sensor that repeats its counts stops no retraction."""
+def test_built_in_retraction_is_not_stopped_at_its_end() -> None:
+    """Repeated counts of a sensor do not stop a retraction, in a sample without motion."""
     stroke = Stroke(TaskParameters(retract_mm=1.0), Presses(), 50.0)
     decisions = walk(
         guarded((Approach(), Hold(for_s=1.0), Retract()), stroke, LIMITS),
-        lambda state, time, way: {
-            "force": 5e3 * max(way[0] - 2e-3, 0.0),
+        lambda state, time, position: {
+            "force": 5e3 * max(position[0] - 2e-3, 0.0),
             "unchanged": 99.0
             if state.program.course.leg == 2 and state.program.course.began is not None
             else 0.0,
@@ -206,10 +206,10 @@ def test_a_retraction_of_ours_is_not_stopped_in_its_last_sample() -> None:
     assert not any(isinstance(each.verdict, Stop) for each in decisions)
 
 
-def test_a_retraction_of_ours_is_one_to_its_last_sample() -> None:
-    """Its last order stands where it has come to."""
+def test_built_in_retraction_keeps_route_to_its_end() -> None:
+    """Its last order is the position that it has reached."""
     decisions, _ = run(
-        lambda state, felt: StepResult(state, Order(Phase.TRACK, felt.measurement.commanded), done=True)
+        lambda state, contact: StepResult(state, Order(Phase.TRACK, contact.measurement.commanded), done=True)
     )
     depths = [each.target.depth for each in decisions]
     assert depths[-1] == depths[-2]
@@ -217,18 +217,18 @@ def test_a_retraction_of_ours_is_one_to_its_last_sample() -> None:
     assert decisions[-1].intent.reason is None
 
 
-# --- what is no answer
+# --- invalid answers
 
 
-def at(state: StepState, felt: ContactSample, **changes: Any) -> StepResult:
-    return StepResult(replace(state, **changes), Order(Phase.TRACK, felt.measurement.commanded))
+def at(state: StepState, contact: ContactSample, **changes: Any) -> StepResult:
+    return StepResult(replace(state, **changes), Order(Phase.TRACK, contact.measurement.commanded))
 
 
-def zero(state: StepState, felt: ContactSample, value: Any) -> StepResult:
-    return StepResult(state, Order(Phase.TRACK, felt.measurement.commanded), done=True, zero=value)
+def zero(state: StepState, contact: ContactSample, value: Any) -> StepResult:
+    return StepResult(state, Order(Phase.TRACK, contact.measurement.commanded), done=True, zero=value)
 
 
-def order(state: StepState, felt: ContactSample, *parts: Any) -> StepResult:
+def order(state: StepState, contact: ContactSample, *parts: Any) -> StepResult:
     return StepResult(state, Order(*parts) if parts else None)  # type: ignore[arg-type]
 
 
@@ -242,22 +242,22 @@ FAR = 10.0
 
 
 @pytest.mark.parametrize(
-    ("answer", "says"),
+    ("answer", "message"),
     [
-        (lambda s, f: None, "take answers NoneType, not a StepResult"),
-        (lambda s, f: StepResult(None, Order(Phase.TRACK, 0.0)), "take answers NoneType, not a StepState"),  # type: ignore[arg-type]
-        (lambda s, f: order(s, f), "take answers NoneType, not an Order in its StepResult"),
-        (lambda s, f: order(s, f, "track", 0.0), "take answers str, not a Phase in its Order"),
+        (lambda s, f: None, "take returns NoneType, not a StepResult"),
+        (lambda s, f: StepResult(None, Order(Phase.TRACK, 0.0)), "take returns NoneType, not a StepState"),  # type: ignore[arg-type]
+        (lambda s, f: order(s, f), "take returns NoneType, not an Order in its StepResult"),
+        (lambda s, f: order(s, f, "track", 0.0), "take returns str, not a Phase in its Order"),
         (lambda s, f: order(s, f, Phase.TRACK, None), "TypeError: "),
         (lambda s, f: order(s, f, Phase.TRACK, "deep"), "TypeError: "),
-        (lambda s, f: order(s, f, Phase.TRACK, 0.0, 3.0), "take answers float, not a Command in its Order"),
+        (lambda s, f: order(s, f, Phase.TRACK, 0.0, 3.0), "take returns float, not a Command in its Order"),
         (lambda s, f: done(s, np.zeros(2)), "ValueError: The truth value of an array"),
-        (lambda s, f: zero(s, f, np.zeros(6)), "take answers ndarray, not a tuple as zero"),
+        (lambda s, f: zero(s, f, np.zeros(6)), "take returns ndarray, not a tuple as zero"),
         (lambda s, f: at(s, f, heading=(1.0,)), "ValueError: not enough values to unpack"),
         (lambda s, f: at(s, f, found=None), "TypeError: cannot unpack"),
-        (lambda s, f: at(s, f, tally=None), "take answers NoneType, not a Tally"),
+        (lambda s, f: at(s, f, tally=None), "take returns NoneType, not a Tally"),
         (lambda s, f: order(s, f, Phase.TRACK, 0.0, COMMAND), "ValueError: could not convert string"),
-        (lambda s, f: StepResult(s, Order(Phase.TRACK, 0.0), trouble="no"), "take answers str, not a Reason"),  # type: ignore[arg-type]
+        (lambda s, f: StepResult(s, Order(Phase.TRACK, 0.0), trouble="no"), "take returns str, not a Reason"),  # type: ignore[arg-type]
         (lambda s, f: order(s, f, Phase.TRACK, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
         (lambda s, f: order(s, f, Phase.RETRACT, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
         (lambda s, f: order(s, f, Phase.RETRACT, -math.inf), "it leads to 0 m, 0 m at a depth of -inf m"),
@@ -272,7 +272,7 @@ FAR = 10.0
         (lambda s, f: at(s, f, heading=(1.0, math.inf)), "it leads to 0 m, 0 m at a depth of 0.00"),
         (lambda s, f: zero(s, f, (1.0,)), "its zero has 1 numbers, not the 6 of a wrench"),
         (lambda s, f: zero(s, f, (0.0,) * 6), "it sets a zero, which only a step with the phase zero may do"),
-        (lambda s, f: at(s, f, stroke=None), "take answers NoneType, not a StrokeState"),
+        (lambda s, f: at(s, f, stroke=None), "take returns NoneType, not a StrokeState"),
         (
             lambda s, f: at(s, f, stroke=StrokeState(Phase.RETRACT, turn=math.nan)),
             "it leads to 0 m, 0 m at a ",
@@ -284,12 +284,12 @@ FAR = 10.0
         (lambda s, f: order(s, f, Phase.END, 0.0), "it ends the run by the phase end"),
     ],
 )
-def test_what_is_no_answer_is_the_steps_failure_and_the_tool_is_retracted(answer: Answer, says: str) -> None:
+def test_invalid_step_answer_retracts_and_names_step(answer: Answer, message: str) -> None:
     decisions, forces = run(answer)
     stop = next(each.verdict for each in decisions if isinstance(each.verdict, Stop))
     assert stop.reason.cause is Cause.STEP_CODE
     assert stop.reason.text.startswith("step 2 (takes) failed: ")
-    assert says in stop.reason.text
+    assert message in stop.reason.text
     assert "tests/control/test_step_answers.py:" in stop.reason.text
     last = decisions[-1].intent.reason
     assert last is not None
@@ -298,21 +298,21 @@ def test_what_is_no_answer_is_the_steps_failure_and_the_tool_is_retracted(answer
     assert all(math.isfinite(part) for each in decisions for part in each.position)
 
 
-def test_answers_of_our_own_steps_are_not_looked_through() -> None:
+def test_built_in_step_answers_are_not_checked() -> None:
     stroke = Stroke(TaskParameters(), Presses(), 50.0)
     row = legs_of((Approach(), Takes(at), Hold(for_s=1.0), Retract()), Ground(stroke, LIMITS))
     assert [leg.foreign for leg in row.legs] == [False, True, False, False]
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_step_answer_accepts_numpy_numbers() -> None:
     began: list[float] = []
 
-    def answer(state: StepState, felt: ContactSample) -> StepResult:
-        began.append(felt.sample.now)
-        place = (np.float64(0.0), np.float32(0.0))
-        depth = np.float32(felt.measurement.commanded)
-        done = np.bool_(felt.sample.now - began[0] > 0.5)
-        return StepResult(replace(state, at=place), Order(Phase.TRACK, depth), done)  # type: ignore[arg-type]
+    def answer(state: StepState, contact: ContactSample) -> StepResult:
+        began.append(contact.sample.now)
+        position = (np.float64(0.0), np.float32(0.0))
+        depth = np.float32(contact.measurement.commanded)
+        done = np.bool_(contact.sample.now - began[0] > 0.5)
+        return StepResult(replace(state, at=position), Order(Phase.TRACK, depth), done)  # type: ignore[arg-type]
 
     decisions, _ = run(answer)
     assert decisions[-1].intent.reason is None

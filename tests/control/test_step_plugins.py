@@ -1,4 +1,4 @@
-"""Steps of other packages: chosen by their word, carried out under the guard, recorded, and blamed when they fail."""
+"""Steps from plug-ins: chosen by word, supervised by the guard, recorded, and named in errors when they fail."""
 
 import json
 import sys
@@ -55,20 +55,20 @@ RUN = {
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Put a distribution and its entry points where Python finds it; without code, that of the example."""
+    """Put a distribution and its entry points on the import path; without code, that of the example."""
     before = set(sys.modules)
 
     def put(name: str, points: str, **modules: str) -> Path:
-        place = tmp_path / name
-        info = place / f"{name.replace('-', '_')}-1.0.dist-info"
+        folder = tmp_path / name
+        info = folder / f"{name.replace('-', '_')}-1.0.dist-info"
         info.mkdir(parents=True)
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
         (info / "entry_points.txt").write_text(points)
         for module, code in modules.items():
-            (place / f"{module}.py").write_text(dedent(code))
-        monkeypatch.syspath_prepend(str(place if modules else EXAMPLE))
-        monkeypatch.syspath_prepend(str(place))
-        return place
+            (folder / f"{module}.py").write_text(dedent(code))
+        monkeypatch.syspath_prepend(str(folder if modules else EXAMPLE))
+        monkeypatch.syspath_prepend(str(folder))
+        return folder
 
     yield put
     for module in set(sys.modules) - before:
@@ -85,9 +85,9 @@ def mine(install: Install, line: str = "pass") -> None:
     install("mine", "[hil_bridge.steps]\nmine = own_step:S\n", own_step=STEP.replace("{}", line))
 
 
-def command(*words: str) -> tuple[int, str]:
-    told = CliRunner().invoke(cli, words)
-    return told.exit_code, told.output
+def command(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(cli, arguments)
+    return result.exit_code, result.output
 
 
 # --- the example
@@ -95,14 +95,19 @@ def command(*words: str) -> tuple[int, str]:
 
 @pytest.mark.usefixtures("peg")
 @pytest.mark.parametrize("robot", ["s3", "rtde"])
-def test_the_example_runs_under_the_guard_and_is_replayed_bit_by_bit(robot: str, tmp_path: Path) -> None:
+def test_example_step_runs_and_replays_identically(robot: str, tmp_path: Path) -> None:
     result = hil_bridge.simulate(load_config(TASK, {"robot.emulated": robot}))
     assert result.outcome == "completed", result.text
     record = read(result.save(tmp_path / "run.mcap"))
-    told = record.steps[1]
-    assert (told.label, told.word, told.name, told.passed) == ("2 (insert)", "insert", "hole", True)
-    assert told.text.startswith("in the hole, 6.")
-    assert len(told.found) == 3
+    reported = record.steps[1]
+    assert (reported.label, reported.word, reported.name, reported.passed) == (
+        "2 (insert)",
+        "insert",
+        "hole",
+        True,
+    )
+    assert reported.text.startswith("in the hole, 6.")
+    assert len(reported.found) == 3
     again = list(replay(record, recorded_config(record, {}), forced=False))
     assert len(again) == len(record.cycles) > 50
     assert not [cycle.differences for cycle in again if cycle.differences]
@@ -110,18 +115,18 @@ def test_the_example_runs_under_the_guard_and_is_replayed_bit_by_bit(robot: str,
 
 
 @pytest.mark.usefixtures("peg")
-def test_the_example_is_listed_shown_and_drawn(tmp_path: Path) -> None:
-    code, said = command("list", "plugins")
+def test_example_step_is_listed_and_drawn(tmp_path: Path) -> None:
+    code, output = command("list", "plugins")
     assert code == 0
-    assert "step     insert           peg-step 1.0  Press lightly, search a hole by a spiral" in said
-    code, said = command("config", "program", str(TASK), "-o", str(tmp_path / "peg.png"))
-    assert code == 0, said
-    assert "6 mm deep, searched within 5 mm with 4 N" in said
+    assert "step     insert           peg-step 1.0  Press lightly, search for a hole on a spiral" in output
+    code, output = command("config", "program", str(TASK), "-o", str(tmp_path / "peg.png"))
+    assert code == 0, output
+    assert "6 mm deep, searched within 5 mm with 4 N" in output
     assert (tmp_path / "peg.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.usefixtures("peg")
-def test_its_settings_go_through_a_recording() -> None:
+def test_step_settings_survive_recording() -> None:
     config = load_config(TASK, {"task.step.2.radius_mm": 3.0, "task.step.2.limits": {"force_limit_n": 30.0}})
     again = read_config(json.loads(dump(config)))
     assert again == config
@@ -132,17 +137,17 @@ def test_its_settings_go_through_a_recording() -> None:
 
 @pytest.mark.usefixtures("peg")
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         (
             "depth_mm = 6.0",
             "depth_mm = 6.0\nradus_mm = 3",
-            "2 (insert): radus_mm is no setting; did you mean radius_mm?",
+            "2 (insert): radus_mm is not a setting; did you mean radius_mm?",
         ),
         (
             "depth_mm = 6.0",
             "depth_m = 6.0",
-            "2 (insert): depth_m is no setting; the unit is part of the name: depth_mm",
+            "2 (insert): depth_m is not a setting; the unit is part of the name: depth_mm",
         ),
         ("depth_mm = 6.0", "depth_mm = nan", "2 (insert): depth_mm must be a number above 0, got nan"),
         ("depth_mm = 6.0", "depth_mm = 1.0", "2 (insert): fallen_mm must be below depth_mm, 1, got 1.5"),
@@ -155,7 +160,7 @@ def test_its_settings_go_through_a_recording() -> None:
         (
             "depth_mm = 6.0",
             "depth_mm = 6.0\nlimits.force_limt_n = 9",
-            "2 (insert): limits.force_limt_n is no setting; did",
+            "2 (insert): limits.force_limt_n is not a setting; did",
         ),
         (
             '"insert"',
@@ -164,20 +169,18 @@ def test_its_settings_go_through_a_recording() -> None:
         ),
     ],
 )
-def test_a_wrong_setting_is_one_line_with_the_number_of_its_step(
-    old: str, new: str, says: str, tmp_path: Path
-) -> None:
+def test_invalid_step_setting_names_step_number(old: str, new: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
     path.write_text(TASK.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     with pytest.raises(ConfigError) as refused:
         hil_bridge.simulate(load_config(path, {}))
     text = str(refused.value)
-    assert says in text, text
+    assert message in text, text
     assert "\n" not in text
 
 
 @pytest.mark.usefixtures("peg")
-def test_a_number_of_a_step_that_is_not_there_is_told() -> None:
+def test_unknown_step_number_is_reported() -> None:
     with pytest.raises(
         ConfigError, match=r"--set task\.step\.9\.depth_mm: there is no '9'; give a number from 1 to 3"
     ):
@@ -187,7 +190,7 @@ def test_a_number_of_a_step_that_is_not_there_is_told() -> None:
 @pytest.mark.full
 @pytest.mark.usefixtures("peg")
 @pytest.mark.parametrize(("phase", "label"), [("approach", "1 (approach)"), ("track", "2 (insert)")])
-def test_a_run_that_was_stopped_goes_on(phase: str, label: str, tmp_path: Path) -> None:
+def test_stopped_run_with_plugin_step_resumes(phase: str, label: str, tmp_path: Path) -> None:
     fault = {"on": "robot", "fault": "emergency-stop", "phase": phase, "after_s": 0.5}
     first = hil_bridge.simulate(load_config(TASK, {"robot.emulated": "egm"}), faults=[fault])
     assert first.outcome == "stopped"
@@ -196,16 +199,14 @@ def test_a_run_that_was_stopped_goes_on(phase: str, label: str, tmp_path: Path) 
     config = resume_config(record, {})
     if label.startswith("2"):
         assert describe_resume(config) == (
-            "resuming step 2 (insert) from its begin; before it a move, a zero and an approach"
+            "resuming step 2 (insert) from its start; first a move, a zero and an approach"
         )
     again = hil_bridge.simulate(config)
     assert again.outcome == "completed", again.text
     assert next(step.text for step in again.steps if step.word == "insert").startswith("in the hole")
 
 
-def test_a_recording_with_a_step_that_is_not_installed_names_its_package(
-    install: Install, tmp_path: Path
-) -> None:
+def test_missing_step_plugin_names_its_package(install: Install, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         mine(install)
         result = hil_bridge.simulate(RUN)
@@ -222,34 +223,32 @@ def test_a_recording_with_a_step_that_is_not_installed_names_its_package(
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("1 / 0", "ZeroDivisionError: division by zero (mine 1.0, own_step.py:"),
         ("return memory, Lead((float('nan'), 0.0))", "it leads to nan m, nan m at a depth of "),
         ("return memory, Lead((0.0, float('nan')))", "it leads to nan m, nan m at a depth of "),
         (
             "return memory, Lead((0.0, 0.0), 60.0)",
-            "ValueError: it asks for a force of 60 N; allowed is one above 0, an",
+            "ValueError: it asks for a force of 60 N; allowed: above 0 N an",
         ),
-        ("return memory, Lead((0.0, 0.0), 0.0)", "it asks for a force of 0 N; allowed is one above 0"),
+        ("return memory, Lead((0.0, 0.0), 0.0)", "it asks for a force of 0 N; allowed: above 0 N"),
         (
             "return None",
-            "WrongAnswer: steer answers NoneType, not a state and a Lead (mine 1.0, own_step.py:",
+            "WrongAnswer: steer returns NoneType, not a state and a Lead (mine 1.0, own_step.py:",
         ),
         ("raise SystemExit(0)", "SystemExit: 0 (mine 1.0, own_step.py:"),
         ("return memory, Lead(None)", "TypeError: cannot unpack non-iterable NoneType object"),
         ("return memory, Lead((0.0, 0.0, 0.0))", "ValueError: too many values to unpack (expected 2)"),
     ],
 )
-def test_a_step_that_fails_is_blamed_with_its_package_and_the_tool_is_retracted(
-    line: str, says: str, install: Install
-) -> None:
+def test_failing_step_retracts_and_names_package(line: str, message: str, install: Install) -> None:
     mine(install, line)
     result = hil_bridge.simulate(RUN)
     assert result.outcome == "stopped"
     assert result.cause is Cause.STEP_CODE
     assert result.text.startswith("step 2 (mine) failed: ")
-    assert says in result.text
+    assert message in result.text
     assert "mine 1.0, own_step.py:" in result.text
     assert "\n" not in result.text
     assert result.left.startswith("retracted")
@@ -280,7 +279,7 @@ class S(Step):
 )
 
 
-def test_a_step_that_fails_behind_a_retraction_ends_the_run(install: Install) -> None:
+def test_step_failure_after_retraction_ends_run(install: Install) -> None:
     install("mine", "[hil_bridge.steps]\nmine = own_step:S\n", own_step=AWAY)
     steps = [{"do": "approach"}, {"do": "retract", "back_mm": 1.0}, {"do": "mine"}, {"do": "retract"}]
     result = hil_bridge.simulate({**RUN, "task": {"retract_mm": 3.0, "step": steps}})
@@ -289,7 +288,7 @@ def test_a_step_that_fails_behind_a_retraction_ends_the_run(install: Install) ->
     assert result.left.startswith("retracted")
 
 
-def test_trouble_that_a_step_tells_ends_the_run_with_its_words(install: Install) -> None:
+def test_step_trouble_ends_run_with_its_text(install: Install) -> None:
     mine(
         install, r"return memory, Lead((0.0, 0.0), trouble='it is too cold\nand wet' if seen.s > 0.2 else '')"
     )
@@ -299,12 +298,12 @@ def test_trouble_that_a_step_tells_ends_the_run_with_its_words(install: Install)
     assert "workspace" not in why(result.recording)
 
 
-def test_a_step_has_a_last_word_when_its_time_is_up(install: Install) -> None:
+def test_led_step_steers_in_its_last_sample(install: Install) -> None:
     mine(install, "return memory, Lead((0.0, 0.0), trouble='found nothing' if seen.last else '')")
     assert hil_bridge.simulate(RUN).text == "found nothing, in step 2 (mine)"
 
 
-def test_a_step_that_says_nothing_ends_after_its_time(install: Install) -> None:
+def test_led_step_ends_after_its_time(install: Install) -> None:
     mine(install)
     result = hil_bridge.simulate(RUN)
     assert result.outcome == "completed"
@@ -313,15 +312,15 @@ def test_a_step_that_says_nothing_ends_after_its_time(install: Install) -> None:
     assert step.at - step.began_at == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_step_is_tried_before_the_run_with_half_the_wanted_force(install: Install) -> None:
+def test_step_trial_uses_half_the_desired_force(install: Install) -> None:
     mine(install, "assert seen.force == (seen.force_n / 2, 0.0, 0.0), seen.force")
-    code, said = command("list", "plugins")
+    code, output = command("list", "plugins")
     assert code == 0
-    assert "mine 1.0" in said
-    assert "fails at its first sample" not in said
+    assert "mine 1.0" in output
+    assert "fails at its first sample" not in output
 
 
-def test_a_hook_that_fails_before_the_run_is_told_with_the_step(
+def test_failing_step_hook_names_step(
     install: Install, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     code = STEP.replace("{}", "pass") + "    def seconds(self, leg, begin):\n        return {}['a']\n"
@@ -341,31 +340,31 @@ def test_a_hook_that_fails_before_the_run_is_told_with_the_step(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
-        ("(LedStep)", "", "own_step:S is no frozen dataclass that derives from Step"),
-        ("frozen=True, ", "", "own_step:S is no frozen dataclass that derives from Step"),
+        ("(LedStep)", "", "own_step:S is not a frozen dataclass that derives from Step"),
+        ("frozen=True, ", "", "own_step:S is not a frozen dataclass that derives from Step"),
         (
             "@dataclass(frozen=True, slots=True)\n",
             "",
-            "own_step:S is no frozen dataclass that derives from Step",
+            "own_step:S is not a frozen dataclass that derives from Step",
         ),
-        ('"mine"', '"other"', "must bear the word 'mine' as the default of its field `do`"),
+        ('"mine"', '"other"', "must have the word 'mine' as the default of its field `do`"),
         (
             "for_s: float = 2.0",
             "for_s: float",
-            "has no default for for_s, and takes a property of Step for one",
+            "has no default for for_s, and uses a property of Step as one",
         ),
         ("for_s: float = 2.0", "of: type(seen) = None", "NameError: name 'seen' is not defined"),
-        ("for_s: float = 2.0", "of: 'Hidden' = None", "has a setting that no file can hold: "),
-        ("for_s: float = 2.0", "of: memoryview = None", "has a setting that no file can hold: Unable"),
+        ("for_s: float = 2.0", "of: 'Hidden' = None", "has a setting that no file can contain: "),
+        ("for_s: float = 2.0", "of: memoryview = None", "has a setting that no file can contain: Unable"),
         (
             "{}",
             "1 / 0",
             "it fails at its first sample: ZeroDivisionError: division by zero (mine 1.0, own_step.py:",
         ),
         ("{}", "return memory, Lead((float('inf'), 0.0))", "it leads to (inf, 0.0) m at its first sample"),
-        ("{}", "return 3", "steer answers int, not a state and a Lead"),
+        ("{}", "return 3", "steer returns int, not a state and a Lead"),
         (
             "for_s: float = 2.0",
             "for_s: float = 2.0\n    def __post_init__(self): {}['a']",
@@ -373,20 +372,22 @@ def test_a_hook_that_fails_before_the_run_is_told_with_the_step(
         ),
     ],
 )
-def test_plugins_tells_a_wrong_step_in_one_line(old: str, new: str, says: str, install: Install) -> None:
+def test_list_plugins_reports_invalid_step_in_one_line(
+    old: str, new: str, message: str, install: Install
+) -> None:
     assert old in STEP
     code = STEP.replace(old, new).replace("{}\n        return", "pass\n        return")
     install("mine", "[hil_bridge.steps]\nmine = own_step:S\n", own_step=code)
-    exit_code, said = command("list", "plugins")
-    assert exit_code == 2, said
-    (line,) = said.splitlines()
+    exit_code, output = command("list", "plugins")
+    assert exit_code == 2, output
+    (line,) = output.splitlines()
     assert line.startswith("step  mine  mine 1.0  WRONG: ")
-    assert says in line
+    assert message in line
 
 
 @pytest.mark.parametrize("word", ["hold", "repeat"])
-def test_a_word_of_ours_cannot_be_taken(word: str, install: Install) -> None:
+def test_built_in_step_word_is_reserved(word: str, install: Install) -> None:
     install("mine", f"[hil_bridge.steps]\n{word} = own_step:S\n", own_step=STEP.replace("mine", word))
-    exit_code, said = command("list", "plugins")
+    exit_code, output = command("list", "plugins")
     assert exit_code == 2
-    assert f"step '{word}' is built in, but mine 1.0 offers one of that name, too" in said
+    assert f"step '{word}' is built in, but mine 1.0 also provides one of that name" in output

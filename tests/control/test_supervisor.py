@@ -1,4 +1,4 @@
-"""The last word before the wire."""
+"""Supervisor, the final check before a command is sent."""
 
 import itertools
 import math
@@ -27,18 +27,18 @@ def request(depth_mm, across_mm=0.0):
     return Request(depth_mm * 1e-3, (across_mm * 1e-3, 0.0, -depth_mm * 1e-3), DOWN)
 
 
-def step(asked, state=START, **facts):
-    return SUPERVISOR.step(state, observed(QUIET, **facts), asked)
+def step(requested, state=START, **facts):
+    return SUPERVISOR.step(state, observed(QUIET, **facts), requested)
 
 
-def test_request_within_limits_is_allowed_as_it_is():
-    asked = request(1.5, 1.0)
-    state, verdict = step(asked)
-    assert verdict == Allow(asked.depth, asked.position)
-    assert (state.depth, state.position) == (asked.depth, asked.position)
+def test_supervisor_request_within_limits_is_unchanged():
+    requested = request(1.5, 1.0)
+    state, verdict = step(requested)
+    assert verdict == Allow(requested.depth, requested.position)
+    assert (state.depth, state.position) == (requested.depth, requested.position)
 
 
-def test_going_deeper_is_limited_in_speed_and_pulling_back_is_not():
+def test_supervisor_limits_speed_only_into_the_surface():
     _, verdict = step(request(5.0))
     assert isinstance(verdict, Clamp)
     assert verdict.depth == pytest.approx(11e-3 * 0.18)
@@ -48,7 +48,7 @@ def test_going_deeper_is_limited_in_speed_and_pulling_back_is_not():
     assert isinstance(verdict, Allow)
 
 
-def test_depth_in_total_is_clamped():
+def test_supervisor_total_depth_is_clamped():
     supervisor = Supervisor(Limits(correction_total_mm=3.0))
     state = supervisor.initial((0.0, 0.0, 0.0))
     for _ in range(5):
@@ -60,14 +60,14 @@ def test_depth_in_total_is_clamped():
     assert verdict.reasons == ("deeper than 3 mm in total",)
 
 
-def test_move_across_is_clamped_without_shortening_a_retraction():
+def test_supervisor_clamped_travel_keeps_the_retraction():
     _, verdict = step(request(-4.0, 50.0))
     assert isinstance(verdict, Clamp)
     assert verdict.position == pytest.approx((27.5e-3 * 0.18, 0.0, 4e-3))
     assert verdict.depth == -4e-3
 
 
-def test_way_out_of_the_workspace_ends_at_its_border():
+def test_supervisor_path_is_cut_at_workspace_border():
     _, verdict = step(request(-20.0))
     assert isinstance(verdict, Clamp)
     assert verdict.position == pytest.approx((0.0, 0.0, 0.01))
@@ -75,7 +75,7 @@ def test_way_out_of_the_workspace_ends_at_its_border():
     assert verdict.reasons == ("leaves the workspace",)
 
 
-def test_start_outside_the_workspace_is_a_configuration_error():
+def test_supervisor_start_outside_workspace_is_config_error():
     with pytest.raises(ConfigError, match="outside"):
         SUPERVISOR.initial((0.0, 0.0, 0.5))
 
@@ -89,7 +89,7 @@ def test_default_workspace_ends_3_m_from_the_base(axis, sign):
     assert not supervisor.allows(outside)
 
 
-def test_a_box_in_millimetres_is_recognised():
+def test_limits_workspace_in_millimetres_is_reported():
     box = Limits(workspace_min_m=(60.0, -90.0, -90.0), workspace_max_m=(99.0, 90.0, 90.0))
     with pytest.raises(
         ConfigError, match=r"did you mean \[0\.06, -0\.09, -0\.09\] and \[0\.099, 0\.09, 0\.09\]\?"
@@ -102,16 +102,16 @@ def test_a_box_in_millimetres_is_recognised():
         Limits(workspace_max_m=(1200.0, 300.0, 900.0))
 
 
-def test_a_tool_that_stands_a_little_outside_may_stay_and_come_back_and_goes_no_farther():
-    """The reported place of the start is taken with the tolerance of a run: 1 mm."""
+def test_supervisor_tool_just_outside_may_only_return():
+    """The tolerance for the reported start position is that of a run: 1 mm."""
     with pytest.raises(ConfigError, match="outside"):
         SUPERVISOR.initial((0.0, 0.0, 0.0111))
     state, frames = SUPERVISOR.initial((0.0, 0.0, 0.0109)), itertools.count()
 
     def to(height_mm, at):
         z = height_mm * 1e-3
-        seen = {"position": (0.0, 0.0, 0.0109), "sensor_sequence": next(frames)}
-        return step(Request(0.0109 - z, (0.0, 0.0, z), DOWN), at, **seen)
+        facts = {"position": (0.0, 0.0, 0.0109), "sensor_sequence": next(frames)}
+        return step(Request(0.0109 - z, (0.0, 0.0, z), DOWN), at, **facts)
 
     stayed, verdict = to(10.9, state)
     assert isinstance(verdict, Allow)
@@ -122,7 +122,7 @@ def test_a_tool_that_stands_a_little_outside_may_stay_and_come_back_and_goes_no_
     nearer, verdict = to(10.5, stayed)
     assert isinstance(verdict, Allow)
     back, verdict = to(10.9, nearer)
-    assert back.position[2] == pytest.approx(0.0105), "not even back to where it was"
+    assert back.position[2] == pytest.approx(0.0105), "not even back to its previous position"
     inside, verdict = to(9.5, nearer)
     assert isinstance(verdict, Allow)
     border, _ = to(10.5, inside)
@@ -151,7 +151,7 @@ def test_a_tool_that_stands_a_little_outside_may_stay_and_come_back_and_goes_no_
         ({"depth": math.inf}, Cause.POSE_NOT_A_NUMBER),
     ],
 )
-def test_each_cause_stops_and_just_inside_does_not(observed, cause):
+def test_supervisor_stops_beyond_each_limit_only(observed, cause):
     _, verdict = step(request(0.5), **observed)
     assert isinstance(verdict, Stop)
     assert verdict.reason.cause is cause
@@ -160,24 +160,24 @@ def test_each_cause_stops_and_just_inside_does_not(observed, cause):
     assert isinstance(step(request(0.5), **inside | {"force": -10.0})[1], Allow)
 
 
-def test_only_a_step_that_presses_aside_may_push_with_the_force_limit():
-    """Unless it is told so, the guard judges a force from beside by `against_travel_n`."""
-    beside = {"aside": LIMITS.against_travel_n + 5.0 * LIMITS.friction_share + 0.1}
-    _, verdict = step(request(0.5), **beside)
+def test_supervisor_side_force_limit_depends_on_step():
+    """By default, `against_travel_n` limits a force from the side."""
+    sideways = {"aside": LIMITS.against_travel_n + 5.0 * LIMITS.friction_share + 0.1}
+    _, verdict = step(request(0.5), **sideways)
     assert isinstance(verdict, Stop)
     assert verdict.reason.cause is Cause.WALL
     pressing = Supervisor(LIMITS, presses_aside=True)
-    _, verdict = pressing.step(START, observed(QUIET, **beside), request(0.5))
+    _, verdict = pressing.step(START, observed(QUIET, **sideways), request(0.5))
     assert isinstance(verdict, Allow)
 
 
-def test_an_age_just_beyond_its_limit_is_told_so_that_it_differs_from_it():
-    for now, told in ((100.1904, "is 200.40 ms old"), (100.24, "is 250 ms old")):
+def test_supervisor_age_near_limit_has_enough_digits():
+    for now, reported in ((100.1904, "is 200.40 ms old"), (100.24, "is 250 ms old")):
         _, verdict = step(request(0.5), now=now)
-        assert told in verdict.reason.text
+        assert reported in verdict.reason.text
 
 
-def test_counter_that_stands_still_or_goes_back_stops():
+def test_supervisor_frozen_or_decreasing_counter_stops():
     state, verdicts = START, []
     for _ in range(4):
         state, verdict = step(request(0.0), state)
@@ -189,7 +189,7 @@ def test_counter_that_stands_still_or_goes_back_stops():
 
 
 def deepen(depths_mm, force=lambda k: 5.0, **observed):
-    """The causes of the cycles in which the reported depth takes these values."""
+    """Return the causes of the cycles in which the reported depth takes these values."""
     state, causes = START, []
     for k, depth in enumerate(depths_mm):
         state, verdict = step(
@@ -199,7 +199,7 @@ def deepen(depths_mm, force=lambda k: 5.0, **observed):
     return causes
 
 
-def test_a_pressing_force_that_does_not_answer_depth_stops():
+def test_supervisor_force_constant_over_depth_stops():
     assert deepen([1.0, 2.0, 3.0, 3.01], pressing=True) == [None, None, None, Cause.UNANSWERED]
     # One count of change, no contact, or a tool that does not go deeper is enough to be believed.
     assert set(deepen(range(20), force=lambda k: 5.0 + 0.01 * k, pressing=True)) == {None}
@@ -209,7 +209,7 @@ def test_a_pressing_force_that_does_not_answer_depth_stops():
     assert deepen([5.0, 1.0, 2.9, 3.1], pressing=True)[-1] is Cause.UNANSWERED
 
 
-def test_a_dead_force_that_a_jittering_orientation_turns_is_dead_all_the_same():
+def test_supervisor_dead_force_with_jitter_is_detected():
     steps = [1.0, 2.0, 3.0, 3.01]
     assert deepen(steps, force=lambda k: 9.03 + 1e-4 * (-1) ** k, pressing=True)[-1] is Cause.UNANSWERED
     # Not one count changed on any axis, while a program turns the tool.
@@ -218,14 +218,14 @@ def test_a_dead_force_that_a_jittering_orientation_turns_is_dead_all_the_same():
     assert set(deepen(steps, force=lambda k: 9.0 + 0.1 * k, pressing=True)) == {None}
 
 
-def test_depth_that_does_not_match_the_position_stops():
+def test_supervisor_depth_position_mismatch_stops():
     lying = Request(0.0, (0.0, 0.0, -1e-3), DOWN)
     assert step(lying)[1].reason.cause is Cause.INCONSISTENT
     assert step(Request(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))[1].reason.cause is Cause.INCONSISTENT
 
 
 @given(st.floats(), st.floats(allow_nan=True), MM, MM)
-def test_force_above_the_limit_never_passes(force, resultant, depth, across):
+def test_supervisor_force_above_limit_always_stops(force, resultant, depth, across):
     _, verdict = step(request(depth, across), force=force, resultant=resultant)
     fine = (
         -LIMITS.pull_limit_n <= force <= LIMITS.force_limit_n
@@ -238,17 +238,17 @@ def test_force_above_the_limit_never_passes(force, resultant, depth, across):
     st.sampled_from(["now", "force", "resultant", "sensor_at", "depth", 0, 1, 2]),
     st.sampled_from([math.nan, math.inf]),
 )
-def test_not_a_number_anywhere_stops(where, value):
-    asked, observed = request(0.5), {}
+def test_supervisor_nan_anywhere_stops(where, value):
+    requested, observed = request(0.5), {}
     if where == "depth":
-        asked = replace(asked, depth=value)
+        requested = replace(requested, depth=value)
     elif isinstance(where, int):
-        asked = replace(
-            asked, position=tuple(value if i == where else x for i, x in enumerate(asked.position))
+        requested = replace(
+            requested, position=tuple(value if i == where else x for i, x in enumerate(requested.position))
         )
     else:
         observed = {where: value}
-    verdict = step(asked, **observed)[1]
+    verdict = step(requested, **observed)[1]
     assert isinstance(verdict, Stop)
     of_sensor = where in ("force", "resultant", "sensor_at")
     part = Part.SENSOR if of_sensor else Part.POSE if where == "now" else Part.CONTROLLER
@@ -257,12 +257,12 @@ def test_not_a_number_anywhere_stops(where, value):
 
 
 @given(st.lists(st.tuples(MM, st.floats(-20, 20)), min_size=1, max_size=30))
-def test_the_allowed_path_stays_within_limits_and_never_gets_deeper(asked):
+def test_supervisor_allowed_path_stays_within_limits(requested):
     state = START
-    for k, (depth, across) in enumerate(asked):
-        wanted = request(depth, across)
-        after, verdict = step(wanted, state, sensor_sequence=100 + k)
-        assert verdict.depth <= max(wanted.depth, state.depth) + 1e-9
+    for k, (depth, across) in enumerate(requested):
+        expected = request(depth, across)
+        after, verdict = step(expected, state, sensor_sequence=100 + k)
+        assert verdict.depth <= max(expected.depth, state.depth) + 1e-9
         assert verdict.depth - state.depth <= 2e-3 + 1e-9
         assert verdict.depth <= 20e-3 + 1e-9
         assert all(
@@ -278,7 +278,7 @@ def test_the_allowed_path_stays_within_limits_and_never_gets_deeper(asked):
 
 
 @given(st.lists(st.tuples(MM, st.floats(-100, 100)), max_size=10))
-def test_stop_is_latched(later):
+def test_supervisor_stop_is_latched(later):
     state, stop = step(request(0.0), force=60.0)
     for k, (depth, force) in enumerate(later):
         state, verdict = step(request(depth), state, force=force, sensor_sequence=k)
@@ -294,7 +294,7 @@ def test_stop_is_latched(later):
         {"workspace_min_m": (0.0, 0.0, 9.0)},
     ],
 )
-def test_impossible_limits_are_refused(wrong):
+def test_limits_invalid_values_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Limits(**wrong)
 
@@ -303,7 +303,7 @@ def test_impossible_limits_are_refused(wrong):
     ("pressed", "goal_mm"),
     [(None, 0.0), ((20.0, 10e-3), 0.0), ((20.0, 3e-3), 0.0), ((20.0, 1e-3), -2.0), ((20.0, -4e-3), -7.0)],
 )
-def test_blind_retraction_goes_back_to_the_start_at_least(pressed, goal_mm):
+def test_blind_retraction_reaches_at_least_the_start(pressed, goal_mm):
     """`blind_retract_mm` is 3 mm from where the tool pressed; that may not end it below the start."""
     deep = 10e-3
     state = replace(SUPERVISOR.initial((0.0, 0.0, -deep), deep), pressed=pressed)

@@ -1,4 +1,4 @@
-"""The course of a run without steps: phases, contact, loss, ends."""
+"""Course of a run without steps: phases, contact, contact loss, ends."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ def task_of(parameters, controller, limit=math.inf):
 
 
 class Watched:
-    """Counts its steps in its state and never moves."""
+    """Controller that counts its steps in its state and never moves."""
 
     name = "watched"
 
@@ -47,7 +47,7 @@ def surface_at(contact, stiffness=5000.0):
     return lambda depth, travel, k: stiffness * max(depth - contact, 0.0)
 
 
-def test_whole_course():
+def test_stroke_runs_through_all_phases():
     state, outputs = drive(task_of(PARAMETERS, FuzzyPi()), surface_at(3e-3), 60)
     phases = [output.phase for output in outputs]
     assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
@@ -61,7 +61,7 @@ def test_whole_course():
     assert outputs[-1].losses == 0
 
 
-def test_plain_run_out_of_time_names_time_not_way():
+def test_plain_run_timeout_names_the_time():
     task = PlainRun(PARAMETERS, FuzzyPi(), math.inf, STEP, duration_s=0.9)
     state, outputs = drive(task, surface_at(3e-3), 60)
     assert state.phase is Phase.END
@@ -75,7 +75,7 @@ def test_controller_is_stepped_in_track_only():
     assert state.step.stroke.controller == sum(output.phase is Phase.TRACK for output in outputs)
 
 
-def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
+def test_approach_without_surface_ends_at_depth_limit():
     state, outputs = drive(task_of(PARAMETERS, Watched()), lambda *_: 0.0, 40)
     assert str(state.course.reason).startswith("no contact found within 5 mm: start nearer")
     assert state.course.reason.cause is Cause.NO_CONTACT
@@ -85,7 +85,7 @@ def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     assert outputs[-1].target.depth == 0.0
 
 
-def test_contact_loss_approaches_anew_and_keeps_the_estimate():
+def test_contact_loss_restarts_approach_with_estimate():
     task = task_of(replace(PARAMETERS, loss_ms=450.0, travel_limit_mm=100.0), FuzzyAdaptive())
     # A hole of 4 mm after 5 mm of travel.
     state, outputs = drive(task, lambda d, t, k: 5000 * max(d - (3e-3 if t < 5e-3 else 7e-3), 0.0), 40)
@@ -99,7 +99,7 @@ def test_contact_loss_approaches_anew_and_keeps_the_estimate():
     assert state.phase is Phase.TRACK
 
 
-def test_loss_is_told_to_the_controller_and_has_hysteresis():
+def test_contact_loss_has_hysteresis():
     forces = [2.0, 0.7, 0.4, 0.7, 1.1]
     task = task_of(PARAMETERS, Watched())
     _, outputs = drive(task, lambda d, t, k: forces[k], len(forces))
@@ -130,7 +130,7 @@ def test_finish_from_outside_retracts_once():
 
 
 @pytest.mark.parametrize("force", [math.nan, math.inf])
-def test_force_that_is_not_finite_never_moves_deeper(force):
+def test_non_finite_force_never_moves_deeper(force):
     task = task_of(PARAMETERS, Watched())
     state = task.initial()
     after, output = task.step(state, Measurement(0.0, force, 0.0, 1e-3))
@@ -138,7 +138,7 @@ def test_force_that_is_not_finite_never_moves_deeper(force):
     assert output.target.depth == 1e-3
 
 
-def test_retraction_goes_on_with_a_dead_sensor():
+def test_retraction_continues_with_dead_sensor():
     task = task_of(PARAMETERS, Watched())
     state = task.finish(task.initial(), Reason(Cause.SENSOR_FAILED, "the sensor died"))
     state, outputs = drive(task, lambda *_: math.nan, 40, state)
@@ -162,7 +162,7 @@ def test_retraction_goes_on_with_a_dead_sensor():
         {"search_depth_limit_mm": -1.0},
     ],
 )
-def test_impossible_parameters_are_refused(wrong):
+def test_task_invalid_parameters_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         TaskParameters(**wrong)
 
@@ -188,7 +188,7 @@ def test_first_touch_presses_no_more_than_allowed(stiffness, limit, lag):
         assert stiffness * (commands[-1] - contact) <= allowed + threshold + 1e-6
 
 
-def test_the_approach_is_as_fast_as_its_setting_and_never_stands():
+def test_approach_speed_is_bounded_by_setting():
     soft = task_of(replace(PARAMETERS, expected_stiffness_n_m=500.0), Watched())
     hard = task_of(replace(PARAMETERS, expected_stiffness_n_m=1e7), Watched())
     for task, step in ((soft, 0.5e-3), (hard, 0.2e-3 * 0.18)):
@@ -196,7 +196,7 @@ def test_the_approach_is_as_fast_as_its_setting_and_never_stands():
         assert [o.target.depth for o in outputs] == pytest.approx([step * k for k in range(1, 6)])
 
 
-def test_an_edge_is_an_end_and_no_hole_to_dive_into():
+def test_contact_loss_at_edge_does_not_dive():
     parameters = replace(PARAMETERS, travel_limit_mm=100.0, approach_depth_limit_mm=50.0)
     for controller in (FuzzyPi(), FuzzyAdaptive()):
         task = task_of(replace(parameters, search_depth_limit_mm=3.0), controller)
@@ -210,13 +210,13 @@ def test_an_edge_is_an_end_and_no_hole_to_dive_into():
         assert deepest <= outputs[lost - 1].target.depth + 3e-3 + 1e-9
 
 
-def test_travel_may_wait_for_the_force():
+def test_travel_waits_for_force():
     parameters = replace(PARAMETERS, travel_from_share=0.8)
     _, outputs = drive(task_of(parameters, FuzzyPi()), surface_at(3e-3), 40)
     track = [output for output in outputs if output.phase is Phase.TRACK]
-    moved = next(i for i, output in enumerate(track) if output.target.travel > 0)
-    assert moved > 0
+    first_move = next(i for i, output in enumerate(track) if output.target.travel > 0)
+    assert first_move > 0
     forces = [5e3 * (output.target.depth - 3e-3) for output in track]
-    assert forces[moved - 1] >= 8.0
-    assert all(force < 8.0 for force in forces[: moved - 1])
-    assert track[moved + 3].target.travel == pytest.approx(4e-3)
+    assert forces[first_move - 1] >= 8.0
+    assert all(force < 8.0 for force in forces[: first_move - 1])
+    assert track[first_move + 3].target.travel == pytest.approx(4e-3)

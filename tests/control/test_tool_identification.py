@@ -1,4 +1,4 @@
-"""Mass, centre of gravity and bias from poses: known truth, noise, and what poses cannot tell."""
+"""Mass, centre of gravity and bias from poses: known truth, noise, and insufficient poses."""
 
 import math
 import statistics
@@ -25,7 +25,7 @@ CENTRE = (0.01, -0.02, 0.08)
 
 
 def turned(axis, degrees):
-    """The tool that points down, turned about an axis of the base."""
+    """Orientation of a downward tool after a rotation about an axis of the base."""
     return product(turn_about(axis, math.radians(degrees)), DOWN)
 
 
@@ -53,25 +53,23 @@ def refusal(*poses, wrist=Wrist()):  # noqa: B008
     st.tuples(*[st.floats(-0.2, 0.2)] * 3),
     st.tuples(*[st.floats(-20, 20)] * 6),
 )
-def test_exact_readings_give_the_exact_tool_however_the_sensor_sits(
-    mounting, flip, mass, centre, bias
-) -> None:
+def test_identify_tool_from_exact_readings_is_exact(mounting, flip, mass, centre, bias) -> None:
     wrist = Wrist(product(turn_about(X, 0.3), turn_about(Z, mounting)), flip=flip)
-    found = identify_tool([pose(q, wrist, mass, centre, bias) for q in CROSS], wrist)
-    assert found.mass == pytest.approx(mass, abs=1e-9)
-    assert found.centre_of_gravity == pytest.approx(centre, abs=1e-8)
-    assert found.bias == pytest.approx(bias, abs=1e-8)
-    assert found.force_residual < 1e-9
-    assert found.moment_residual < 1e-9
-    assert math.degrees(found.turned) == pytest.approx(60.0)
+    result = identify_tool([pose(q, wrist, mass, centre, bias) for q in CROSS], wrist)
+    assert result.mass == pytest.approx(mass, abs=1e-9)
+    assert result.centre_of_gravity == pytest.approx(centre, abs=1e-8)
+    assert result.bias == pytest.approx(bias, abs=1e-8)
+    assert result.force_residual < 1e-9
+    assert result.moment_residual < 1e-9
+    assert math.degrees(result.turned) == pytest.approx(60.0)
 
 
-def test_three_poses_are_enough() -> None:
-    found = identify_tool([pose(q) for q in CROSS[:2] + CROSS[3:4]], Wrist())
-    assert found.centre_of_gravity == pytest.approx(CENTRE)
+def test_identify_tool_accepts_three_poses() -> None:
+    result = identify_tool([pose(q) for q in CROSS[:2] + CROSS[3:4]], Wrist())
+    assert result.centre_of_gravity == pytest.approx(CENTRE)
 
 
-def test_uncertainties_are_as_large_as_the_errors() -> None:
+def test_identify_tool_uncertainty_matches_errors() -> None:
     """Over many draws of noise the standard deviation of each result is what its uncertainty says."""
     random = Random(4)
     drawn = [
@@ -94,7 +92,7 @@ def test_uncertainties_are_as_large_as_the_errors() -> None:
         agree([d.bias[axis] for d in drawn], [d.bias_uncertainty[axis] for d in drawn])
 
 
-def test_readings_that_scatter_are_trusted_accordingly() -> None:
+def test_identify_tool_uncertainty_grows_with_scatter() -> None:
     quiet, loud = (identify_tool([pose(q, scatter=s) for q in CROSS], Wrist()) for s in (0.0, 0.05))
     assert quiet.mass_uncertainty < 1e-9
     # Four of five poses lie 30° off. So the weight's directions are (g sin 30°)² four times about their mean, and
@@ -103,35 +101,36 @@ def test_readings_that_scatter_are_trusted_accordingly() -> None:
     assert loud.mass_uncertainty == pytest.approx(0.05 / spread, rel=1e-6)
 
 
-def test_a_pose_that_touched_something_stands_out_of_the_residuals() -> None:
+def test_identify_tool_pose_in_contact_has_large_residual() -> None:
     touched = list(map(pose, CROSS))
     wrench = touched[3].wrench
     touched[3] = ToolPose(CROSS[3], (wrench[0], wrench[1], wrench[2] + 0.5, *wrench[3:]))
-    found = identify_tool(touched, Wrist())
-    worst = max(range(5), key=lambda k: math.hypot(*found.residuals[k][:3]))
+    result = identify_tool(touched, Wrist())
+    worst = max(range(5), key=lambda k: math.hypot(*result.residuals[k][:3]))
     assert worst == 3
-    assert found.mass_uncertainty > 0.005
+    assert result.mass_uncertainty > 0.005
 
 
-def test_what_is_missing_is_named() -> None:
-    assert "too few poses to tell the tool: 2 of at least 3;" in refusal(*map(pose, CROSS[:2]))
+def test_identify_tool_names_insufficient_poses() -> None:
+    assert "too few poses to identify the tool: 2 of at least 3;" in refusal(*map(pose, CROSS[:2]))
     near = [pose(turned(axis, angle)) for axis in (X, Y) for angle in (-6, 6)]
     assert refusal(*near).startswith(
-        "the poses differ by 12° at most in how the tool hangs; turn the tool by 60° or more about two level axes"
+        "the poses differ by 12° at most in the direction of gravity; "
+        "turn the tool by 60° or more about two horizontal axes"
     )
-    # A turn about the vertical is none for the weight, however large.
+    # A turn about the vertical, however large, does not change the weight.
     spun = [pose(turned(Z, angle)) for angle in (0, 40, 80, 120)]
     assert "differ by 0° at most" in refusal(*spun)
     one_axis = [pose(turned(X, angle)) for angle in (-40, -20, 0, 20, 40)]
     assert "up to 80° about one axis, and hardly about another" in refusal(*one_axis)
 
 
-def test_no_weight_no_centre_of_gravity() -> None:
+def test_identify_tool_without_weight_has_no_centre() -> None:
     random = Random(1)
     poses = [pose(q, mass=0.0, noise=lambda: random.gauss(0.0, 0.01)) for q in CROSS]
     assert "the weight does not follow the turning of the tool" in refusal(*poses)
 
 
-def test_a_reading_that_is_no_number_is_refused() -> None:
+def test_identify_tool_refuses_nan_reading() -> None:
     wrong = [*map(pose, CROSS), ToolPose(DOWN, (math.nan,) * 6)]
     assert "not a number" in refusal(*wrong)

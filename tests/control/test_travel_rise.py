@@ -1,4 +1,4 @@
-"""The travel rises to its speed, so that an unknown slope shows before the tool goes fast."""
+"""Gradual rise of the travel speed, so that an unknown slope shows before the tool moves fast."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ SPEED, RISE = 5.5, 1.2
 
 
 class Rests:
-    """Never moves."""
+    """Controller that never moves."""
 
     name = "rests"
 
@@ -36,65 +36,65 @@ def tracking(**settings: Any) -> tuple[Stroke, StrokeState]:
 def travelling(
     stroke: Stroke, state: StrokeState, samples: int, stride: Stride | None = None, **more: Any
 ) -> tuple[StrokeState, list[float]]:
-    """State after some samples of tracking, and the way of each, m."""
-    ways = []
+    """Return the state after some samples of tracking, and the distance of each, m."""
+    travels = []
     measurement = Measurement(0.0, more.pop("force", FORCE), 0.0, 0.0, dt=more.pop("dt", DT), **more)
     for _ in range(samples):
         before = state.travel
         state, _ = stroke.step(state, measurement, stride or Stride(FORCE))
-        ways.append(state.travel - before)
-    return state, ways
+        travels.append(state.travel - before)
+    return state, travels
 
 
 def first(samples: int, dt: float = DT) -> list[float]:
-    """The ways that the first samples of a travel must have, m."""
+    """Return the distance of each of the first samples of a travel, m."""
     return [min(k * dt / RISE, 1.0) * SPEED * 1e-3 * dt for k in range(1, samples + 1)]
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.004, 0.012, 0.05, 0.179])
-def test_the_speed_rises_linearly_and_stays(dt: float) -> None:
+def test_travel_speed_rises_linearly(dt: float) -> None:
     samples = round(1.5 * RISE / dt)
-    _, ways = travelling(*tracking(), samples, dt=dt)
-    assert ways == pytest.approx(first(samples, dt), rel=1e-9, abs=1e-15)
+    _, travels = travelling(*tracking(), samples, dt=dt)
+    assert travels == pytest.approx(first(samples, dt), rel=1e-9, abs=1e-15)
 
 
-def test_it_begins_when_the_force_lets_the_tool_travel() -> None:
+def test_travel_rise_starts_when_force_allows_travel() -> None:
     stroke, state = tracking(travel_from_share=0.8)
-    state, ways = travelling(stroke, state, 1, force=7.9)
-    assert ways == [0.0]
-    _, ways = travelling(stroke, replace(state, settled=False), 3, force=8.0)
-    assert ways == pytest.approx(first(3))
+    state, travels = travelling(stroke, state, 1, force=7.9)
+    assert travels == [0.0]
+    _, travels = travelling(stroke, replace(state, settled=False), 3, force=8.0)
+    assert travels == pytest.approx(first(3))
 
 
 @pytest.mark.parametrize("dt", [0.0, 0.004, 0.18])
-def test_without_a_rise_the_first_sample_goes_at_full_speed(dt: float) -> None:
+def test_travel_without_rise_starts_at_full_speed(dt: float) -> None:
     stroke, state = tracking(travel_rise_s=0.0)
     assert travelling(stroke, state, 1, dt=dt)[1] == [stroke.way(SPEED, dt)]
 
 
-def test_a_sample_without_time_changes_nothing() -> None:
+def test_travel_rise_ignores_sample_without_duration() -> None:
     stroke, state = tracking()
     state, _ = travelling(stroke, state, 10)
-    after, ways = travelling(stroke, state, 1, dt=0.0)
-    assert ways == [0.0]
+    after, travels = travelling(stroke, state, 1, dt=0.0)
+    assert travels == [0.0]
     assert after.speed_mm_s == state.speed_mm_s > 0.0
 
 
 @pytest.mark.parametrize(("advance", "feed"), [(0.0, 1.0), (1.0, 0.0), (1.0, -0.5)])
-def test_a_travel_that_stood_or_went_back_rises_anew(advance: float, feed: float) -> None:
+def test_travel_rise_restarts_after_stop_or_reversal(advance: float, feed: float) -> None:
     stroke, state = tracking()
     state, _ = travelling(stroke, state, 400)
     assert state.speed_mm_s == SPEED
-    state, ways = travelling(stroke, state, 1, Stride(FORCE, feed), advance=advance)
-    assert ways == pytest.approx([feed * advance * SPEED * 1e-3 * DT])
+    state, travels = travelling(stroke, state, 1, Stride(FORCE, feed), advance=advance)
+    assert travels == pytest.approx([feed * advance * SPEED * 1e-3 * DT])
     assert travelling(stroke, state, 3)[1] == pytest.approx(first(3))
 
 
-def test_a_lost_contact_and_a_new_approach_begin_it_anew() -> None:
+def test_travel_rise_restarts_after_contact_loss() -> None:
     stroke, state = tracking()
     fast, _ = travelling(stroke, state, 400)
-    lost, ways = travelling(stroke, fast, 1, force=0.0)
-    assert ways == [0.0]
+    lost, travels = travelling(stroke, fast, 1, force=0.0)
+    assert travels == [0.0]
     assert travelling(stroke, lost, 3)[1] == pytest.approx(first(3))
     assert travelling(stroke, stroke.tracking(replace(fast, phase=Phase.APPROACH)), 3)[1] == pytest.approx(
         first(3)
@@ -103,7 +103,7 @@ def test_a_lost_contact_and_a_new_approach_begin_it_anew() -> None:
     assert travelling(stroke, on, 1)[1] == pytest.approx([SPEED * 1e-3 * DT])
 
 
-def test_a_slow_sample_costs_its_own_way_alone() -> None:
+def test_travel_rise_slow_sample_costs_only_its_distance() -> None:
     stroke, state = tracking()
     state, _ = travelling(stroke, state, 400)
     state, slow = travelling(stroke, state, 1, Stride(FORCE, 0.5))
@@ -117,7 +117,7 @@ def resolved(robot: str, **sections: dict[str, Any]) -> Setup:
 
 
 @pytest.mark.parametrize(
-    ("robot", "follows", "given", "rise"),
+    ("robot", "follows", "configured", "rise"),
     [
         ("s3", True, None, None),
         ("rtde", True, None, RISE),
@@ -128,22 +128,22 @@ def resolved(robot: str, **sections: dict[str, Any]) -> Setup:
         ("rtde", False, 0.5, 0.5),
     ],
 )
-def test_the_default_by_robot_stands_in_the_record(
-    robot: str, follows: bool, given: float | None, rise: float | None
+def test_travel_rise_default_is_recorded(
+    robot: str, follows: bool, configured: float | None, rise: float | None
 ) -> None:
-    task = {} if given is None else {"travel_rise_s": given}
+    task = {} if configured is None else {"travel_rise_s": configured}
     setup = resolved(robot, frame={"follow_normal": follows}, task=task)
     assert setup.config.task.travel_rise_s == rise
     assert setup.loop.program.parameters.travel_rise_s == rise
 
 
-def test_a_recording_from_before_the_setting_is_replayed_as_it_was() -> None:
-    """A record holds its sample time, and one of an earlier version holds no rise: it had none."""
+def test_travel_rise_old_recording_replays_unchanged() -> None:
+    """A recording contains its sample time; one of an earlier version contains no rise, because there was none."""
     recorded = resolved("egm", frame={"follow_normal": True}, controller={"sample_ms": 4.0})
     stroke, state = tracking(travel_rise_s=recorded.config.task.travel_rise_s)
     assert travelling(stroke, state, 1)[1] == [SPEED * 1e-3 * DT]
 
 
-def test_a_negative_time_is_refused() -> None:
+def test_travel_rise_negative_time_is_refused() -> None:
     with pytest.raises(SettingError, match="travel_rise_s"):
         TaskParameters(travel_rise_s=-0.1)

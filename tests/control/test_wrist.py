@@ -1,4 +1,4 @@
-"""From the sensor's wrench to the contact wrench on the tool."""
+"""Conversion of the sensor's wrench to the contact wrench on the tool."""
 
 import math
 
@@ -30,23 +30,23 @@ QUATERNION = (
 )
 
 
-def test_a_plain_sensor_is_taken_as_it_is() -> None:
+def test_wrist_aligned_sensor_is_unchanged() -> None:
     assert Wrist().contact_wrench(WRENCH, DOWN, DOWN).tolist() == list(WRENCH)
 
 
-def test_a_sensor_mounted_at_ninety_degrees_reads_y_as_x() -> None:
+def test_wrist_rotated_by_90_degrees_swaps_axes() -> None:
     turned = Wrist(QUARTER).contact_wrench(WRENCH, DOWN, DOWN)
     assert turned.tolist() == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
 
 
-def test_a_left_handed_sensor_is_flipped_before_it_is_turned() -> None:
+def test_wrist_flips_left_handed_sensor_before_rotation() -> None:
     flipped = Wrist(flip=True).contact_wrench(WRENCH, DOWN, DOWN)
     assert flipped.tolist() == pytest.approx([-1.0, 2.0, 3.0, -0.1, 0.2, 0.3])
     both = Wrist(QUARTER, flip=True).contact_wrench(WRENCH, DOWN, DOWN)
     assert both.tolist() == pytest.approx([-2.0, -1.0, 3.0, -0.2, -0.1, 0.3])
 
 
-def test_a_force_at_the_tip_bends_the_sensor_and_not_the_tip() -> None:
+def test_wrist_force_at_tip_has_moment_only_at_sensor() -> None:
     """10 N across at the tip, 0.2 m below the sensor: 2 N·m at the sensor, none about the tool centre point."""
     read = (10.0, 0.0, 0.0, 0.0, 2.0, 0.0)
     contact = Wrist(position=(0.0, 0.0, -0.2)).contact_wrench(read, DOWN, DOWN)
@@ -54,7 +54,7 @@ def test_a_force_at_the_tip_bends_the_sensor_and_not_the_tip() -> None:
 
 
 @given(QUATERNION, VECTOR, SIX, SIX)
-def test_power_is_the_same_at_the_sensor_and_at_the_tool(orientation, position, read, twist) -> None:
+def test_wrist_power_is_equal_at_sensor_and_tool(orientation, position, read, twist) -> None:
     wrench = Wrist(orientation, position).contact_wrench(read, DOWN, DOWN)
     rotation = rotation_matrix(orientation)
     turning = rotation @ twist[3:]
@@ -62,20 +62,23 @@ def test_power_is_the_same_at_the_sensor_and_at_the_tool(orientation, position, 
     assert wrench @ np.concatenate([moving, turning]) == pytest.approx(np.dot(read, twist), abs=1e-9)
 
 
-def test_only_the_change_of_weight_since_the_zero_is_taken_off() -> None:
+def test_wrist_subtracts_weight_change_since_zero() -> None:
     """2 kg, 0.1 m below the sensor. The zero was taken pointing down, where the weight lies along tool z; held
     level it pulls along tool x and bends about tool y.
     """
     wrist = Wrist(mass=2.0, centre_of_gravity=(0.0, 0.0, 0.1), bias=(1.0,) * 6)
     weight = 2.0 * 9.80665
     assert wrist.contact_wrench((0.0,) * 6, DOWN, DOWN).tolist() == [0.0] * 6
-    felt_level, felt_down = np.array([weight, 0, 0, 0, 0.1 * weight, 0]), np.array([0, 0, weight, 0, 0, 0])
-    contact = wrist.contact_wrench((felt_level - felt_down).tolist(), LEVEL, DOWN)
+    wrench_level, wrench_down = (
+        np.array([weight, 0, 0, 0, 0.1 * weight, 0]),
+        np.array([0, 0, weight, 0, 0, 0]),
+    )
+    contact = wrist.contact_wrench((wrench_level - wrench_down).tolist(), LEVEL, DOWN)
     assert contact.tolist() == pytest.approx([0.0] * 6, abs=1e-9)
 
 
 @given(QUATERNION, VECTOR, st.booleans(), SIX, st.floats(0.1, 5), VECTOR, QUATERNION)
-def test_without_a_zero_bias_and_weight_leave_nothing_of_a_free_tool(
+def test_wrist_free_tool_without_zero_reads_zero(
     orientation, position, flip, bias, mass, centre, quaternion
 ) -> None:
     wrist = Wrist(orientation, position, flip, bias, mass, centre)
@@ -86,12 +89,12 @@ def test_without_a_zero_bias_and_weight_leave_nothing_of_a_free_tool(
 
 
 @given(QUATERNION, QUATERNION, VECTOR)
-def test_a_product_of_turns_is_one_after_the_other(a, b, vector) -> None:
+def test_quaternion_product_is_sequential_rotation(a, b, vector) -> None:
     assert rotate(product(a, b), vector) == pytest.approx(rotate(a, rotate(b, vector)), abs=1e-9)
 
 
 @given(QUATERNION, QUATERNION)
-def test_the_turn_between_two_orientations_goes_the_short_way(a, b) -> None:
+def test_rotation_between_orientations_is_shortest(a, b) -> None:
     turn = rotation_vector(turn_between(a, b))
     assert math.hypot(*turn) == pytest.approx(angle_between(a, b), abs=1e-9)
     assert angle_between(a, b) <= math.pi + 1e-9
@@ -99,7 +102,7 @@ def test_the_turn_between_two_orientations_goes_the_short_way(a, b) -> None:
     assert rotation_matrix(there) == pytest.approx(rotation_matrix(b), abs=1e-9)
 
 
-def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
+def test_wrist_direction_is_converted_to_sensor_axes() -> None:
     """Base down is z of a tool that points down, and x of one held level: −y of a sensor turned by 90°."""
     assert Wrist(QUARTER).in_sensor_axes((0.0, 0.0, -1.0), DOWN) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
     level = Wrist(QUARTER, flip=True).in_sensor_axes((0.0, 0.0, -1.0), LEVEL)
@@ -107,7 +110,7 @@ def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
 
 
 @given(QUATERNION, QUATERNION, QUATERNION, VECTOR, SIX, VECTOR, st.booleans())
-def test_the_wrist_at_one_orientation_gives_the_same_wrench(
+def test_wrist_at_orientation_gives_same_wrench(
     mounted: tuple[float, ...],
     quaternion: tuple[float, ...],
     tare: tuple[float, ...],

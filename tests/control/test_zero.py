@@ -1,4 +1,4 @@
-"""Checks of a sensor before its reading is taken for zero."""
+"""Checks of a sensor before its reading is used as the zero."""
 
 import math
 
@@ -15,25 +15,25 @@ def fault(*forces: float, moments: tuple[float, ...] = (0.0, 0.0, 0.0)) -> str:
     return weight_fault((*forces, *moments), weight_reading(TOOL, DOWN), 1.0, 0.2)
 
 
-def test_a_tool_that_points_down_weighs_on_fz_alone() -> None:
+def test_weight_of_vertical_tool_is_on_fz_only() -> None:
     assert weight_reading(TOOL, DOWN) == pytest.approx((0.0, 0.0, WEIGHT, 0.0, 0.0, 0.0), abs=1e-12)
 
 
-def test_a_level_tool_weighs_on_another_axis_and_on_a_moment() -> None:
+def test_weight_of_horizontal_tool_is_on_force_and_moment() -> None:
     level = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)  # tool z along base x
     fx, fy, fz, mx, my, mz = weight_reading(TOOL, level)
     assert (abs(fx), fy, fz) == pytest.approx((WEIGHT, 0.0, 0.0), abs=1e-9)
     assert (mx, abs(my), mz) == pytest.approx((0.0, WEIGHT * 0.08, 0.0), abs=1e-9)
 
 
-def test_a_turned_left_handed_and_biased_sensor_reads_its_own_axes() -> None:
+def test_weight_reading_uses_sensor_axes() -> None:
     bias = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     turned = Wrist(orientation=(0.0, 1.0, 0.0, 0.0), flip=True, bias=bias, mass=0.5)
     assert weight_reading(turned, DOWN) == pytest.approx((1.0, 2.0, 3.0 - WEIGHT, 0.1, 0.2, 0.3))
 
 
 @pytest.mark.parametrize(
-    ("forces", "words"),
+    ("forces", "message"),
     [
         ((0.0, 0.0, 4.2), ""),
         ((0.9, -0.9, 5.8), ""),
@@ -45,18 +45,18 @@ def test_a_turned_left_handed_and_biased_sensor_reads_its_own_axes() -> None:
         ((0.0, 0.0, math.nan), "Fz reads nan N"),
     ],
 )
-def test_a_reading_that_is_not_the_weight_is_named(forces: tuple[float, ...], words: str) -> None:
+def test_weight_fault_names_force_axis(forces: tuple[float, ...], message: str) -> None:
     text = fault(*forces)
-    assert words in text
-    assert bool(text) is bool(words)
+    assert message in text
+    assert bool(text) is bool(message)
     assert not text or "the tool touches something" in text
 
 
-def test_a_moment_that_is_not_the_weights_is_named() -> None:
+def test_weight_fault_names_moment_axis() -> None:
     assert fault(0.0, 0.0, WEIGHT, moments=(0.0, 0.3, 0.0)).startswith("My reads 0.30 N·m where")
 
 
-def test_a_reading_is_steady_when_its_halves_agree() -> None:
+def test_reading_with_equal_halves_is_steady() -> None:
     still = reading([(0.1 * (-1) ** k, 0.0, 5.0, 0.0, 0.0, 0.0) for k in range(10)])
     assert still.unsteady(0.5) == ""
     drifting = reading([(0.0, 0.2 * k, 5.0, 0.0, 0.0, 0.0) for k in range(10)])
@@ -68,7 +68,7 @@ def test_a_reading_is_steady_when_its_halves_agree() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "before", "after", "words"),
+    ("change", "before", "after", "message"),
     [
         (0.4, 0.0, 0.4, ""),
         (4.0, 10.0, 6.0, "the tool was touching: the contact force fell from 10.0 to 6.0 N"),
@@ -76,9 +76,9 @@ def test_a_reading_is_steady_when_its_halves_agree() -> None:
         (4.0, None, None, "the tool was touching, or frame.approach points the wrong way"),
     ],
 )
-def test_a_force_that_changes_on_the_way_forbids_a_zero(
-    change: float, before: float | None, after: float | None, words: str
+def test_lift_with_changing_force_forbids_zero(
+    change: float, before: float | None, after: float | None, message: str
 ) -> None:
     text = lift_fault(change, before, after, 0.5, 0.125)
-    assert bool(text) is bool(words)
-    assert words in text
+    assert bool(text) is bool(message)
+    assert message in text

@@ -1,4 +1,4 @@
-"""The monitor: captures in, one line a block out; troubles of the link by name; recordings and text captures."""
+"""The monitor: one line per block of a capture, named problems of the link, recordings and text captures."""
 
 import asyncio
 import itertools
@@ -30,15 +30,15 @@ from protocol.devices.s3.adlp import LinkProfile, NoticeKind, encode_block
 from protocol.devices.s3.arap import KNOWN
 
 STATUS = "10 02 00 08 01 00 13 01 00 00 10 03 18"
-"""Read status. Source: computer-link specification, section 4."""
+"""Read status order. Source: computer-link specification, section 4."""
 REFUSED = encode_block(bytes.fromhex("000A0000130600000002")).hex(" ")
-"""Refusal of it, code 2."""
+"""Refusal of that order, code 2."""
 ANSWER = encode_block(
     bytes.fromhex("0020000013020000 0001000200030004 08020FE9E5DC1487 0817D45509972D13")
 ).hex(" ")
 """Status with the pose of a real robot. Source: computer-link specification, section 3."""
 GOOD = f"""
-# a whole query
+# a complete query
 0.000000 PC 05
 0.013000 S3 06
 0.013100 PC {STATUS}
@@ -52,7 +52,7 @@ GOOD = f"""
 """
 
 
-def told(
+def lines_of(
     text: str, profile: LinkProfile | None = None, finish: bool = True
 ) -> tuple[list[Line], LinkMonitor]:
     monitor = LinkMonitor(profile or LinkProfile())
@@ -67,11 +67,11 @@ def told(
 
 
 def texts(text: str) -> list[str]:
-    return [f"{line.sender} {line.text}" for line in told(text)[0]]
+    return [f"{line.sender} {line.text}" for line in lines_of(text)[0]]
 
 
-def test_a_good_exchange_is_one_line_a_block() -> None:
-    (order, answer), monitor = told(GOOD)
+def test_monitor_valid_exchange_is_one_line_per_block() -> None:
+    (order, answer), monitor = lines_of(GOOD)
     assert (order.at, order.sender, order.trouble) == (0.0131, Sender.PC, False)
     assert order.text == "read status, order [bid 13.0 ms, ACK 27.9 ms]"
     assert order.line_time == pytest.approx(13 * 11 / 9600)
@@ -125,7 +125,7 @@ BID = "0 PC 05\n0.01 S3 06\n"
         (f"{BID}0.02 PC {STATUS.replace('08', '05', 1)}\n0.3 S3 15",
          ["PC a block broke off after 13 bytes", "S3 NAK"]),
         (f"{BID}0.02 S3 {ANSWER.replace('20', '09', 1)}\n0.3 PC 15",
-         ["S3 37 bytes: damaged block: no DLE ETX where the length 9 puts it", "PC NAK"]),
+         ["S3 37 bytes: damaged block: no DLE ETX at the end given by the length 9", "PC NAK"]),
         (f"{BID}0.02 PC 10 02 00 08\n0.5 S3 15", ["PC a block broke off after 4 bytes", "S3 NAK"]),
         ("0 S3 80 81\n0.01 S3 82 06\n0.02 PC 05",
          ["S3 3 bytes: no meaning", "S3 ACK: there is nothing to acknowledge"]),
@@ -134,12 +134,12 @@ BID = "0 PC 05\n0.01 S3 06\n"
         (f"{BID}0.02 PC 10 02", ["PC a block broke off after 2 bytes"]),
     ],
 )  # fmt: skip
-def test_troubles_are_named(capture: str, expected: list[str]) -> None:
+def test_monitor_names_problems(capture: str, expected: list[str]) -> None:
     assert texts(capture) == expected
 
 
-def test_silence_ends_what_waits_without_another_byte() -> None:
-    lines, monitor = told(f"{BID}0.02 PC {STATUS}", finish=False)
+def test_monitor_time_out_ends_pending_block() -> None:
+    lines, monitor = lines_of(f"{BID}0.02 PC {STATUS}", finish=False)
     assert lines == []
     monitor.idle(1.9)
     assert monitor.next_line() is None
@@ -150,23 +150,23 @@ def test_silence_ends_what_waits_without_another_byte() -> None:
     assert monitor.counts.unanswered == 1
 
 
-def test_a_wire_with_both_directions_tells_them_apart_by_the_blocks() -> None:
+def test_monitor_infers_direction_from_blocks() -> None:
     mixed = GOOD.replace(" PC ", " ? ").replace(" S3 ", " ? ")
-    lines, monitor = told(mixed)
+    lines, monitor = lines_of(mixed)
     assert [(line.sender, line.trouble) for line in lines] == [(Sender.PC, False), (Sender.ROBOT, False)]
     assert "ACK 27.9 ms" in lines[0].text
     assert monitor.counts.unanswered == 0
 
 
-def test_one_direction_alone_is_no_row_of_troubles() -> None:
+def test_monitor_single_direction_reports_no_problems() -> None:
     one = "\n".join(line for line in GOOD.splitlines() if " S3 " not in line).replace(" PC ", " ? ")
-    assert [line.trouble for line in told(one)[0]] == [False]
+    assert [line.trouble for line in lines_of(one)[0]] == [False]
 
 
-def test_blocks_of_a_long_telegram_are_named_as_such() -> None:
+def test_monitor_labels_blocks_of_long_telegram() -> None:
     first = encode_block(bytes.fromhex("000E00001D0A0000000000070102")).hex()
     last = encode_block(bytes.fromhex("000A00001D0200000304")).hex()
-    lines, _ = told(f"0 S3 05\n0 PC 06\n0.1 S3 {first}\n0.1 PC 06\n0.2 S3 {last}\n0.2 PC 06\n0.2 S3 04")
+    lines, _ = lines_of(f"0 S3 05\n0 PC 06\n0.1 S3 {first}\n0.1 PC 06\n0.2 S3 {last}\n0.2 PC 06\n0.2 S3 04")
     assert [line.text.partition(" [")[0] for line in lines] == [
         "receive program, further block follows, from S3: program 7, content 01 02",
         "receive program, response: content 03 04",
@@ -174,13 +174,13 @@ def test_blocks_of_a_long_telegram_are_named_as_such() -> None:
     assert not any(line.trouble for line in lines)
 
 
-def test_doubled_dles_are_read_where_the_profile_says_so() -> None:
+def test_monitor_reads_doubled_dle_by_profile() -> None:
     block = encode_block(bytes.fromhex("0008010013010010"), "double").hex()
-    (line,), _ = told(f"{BID}0.02 PC {block}\n0.1 S3 06\n0.2 PC 04", LinkProfile(dle_stuffing="double"))
+    (line,), _ = lines_of(f"{BID}0.02 PC {block}\n0.1 S3 06\n0.2 PC 04", LinkProfile(dle_stuffing="double"))
     assert line.text.startswith("read status suffix 16, order")
 
 
-def test_words_for_what_cannot_be_read() -> None:
+def test_monitor_describes_unreadable_telegrams() -> None:
     assert telegram_text(b"\x00\x09\x01\x00\x13\x01\x00\x00", False)[0].startswith(
         "unreadable telegram: bytes 0–1"
     )
@@ -188,7 +188,7 @@ def test_words_for_what_cannot_be_read() -> None:
     assert "needs" in telegram_text(bytes.fromhex("0008000013020000"), True)[0]
 
 
-def test_frames_of_the_gateway_in_words() -> None:
+def test_monitor_describes_gateway_frames() -> None:
     assert frame_text(parse_frame("201#C80010270000")) == (
         "PC→JR3",
         "start async node 1: cutoff 2 Hz, period 0.01 s",
@@ -201,7 +201,7 @@ def test_frames_of_the_gateway_in_words() -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(list(Sender)), st.binary(min_size=1, max_size=40)), max_size=20))
-def test_whatever_comes_is_told_and_never_an_error(pieces: list[tuple[Sender, bytes]]) -> None:
+def test_monitor_never_fails_on_random_bytes(pieces: list[tuple[Sender, bytes]]) -> None:
     monitor = LinkMonitor(LinkProfile())
     for number, (sender, data) in enumerate(pieces):
         monitor.take(Piece(number * 0.1, sender, data))
@@ -217,27 +217,27 @@ def test_whatever_comes_is_told_and_never_an_error(pieces: list[tuple[Sender, by
 
 
 @given(st.lists(st.integers(min_value=1, max_value=36), max_size=8))
-def test_any_split_of_a_block_gives_the_same_line(cuts: list[int]) -> None:
+def test_monitor_line_is_independent_of_chunks(cuts: list[int]) -> None:
     data = bytes.fromhex(ANSWER)
     edges = [0, *sorted(set(cuts)), len(data)]
     parts = [data[begin:end] for begin, end in itertools.pairwise(edges)]
     split = "".join(f"0.105 S3 {part.hex()}\n" for part in parts)
-    whole = f"0.105000 S3 {ANSWER}\n"
-    assert whole in GOOD
-    assert told(GOOD.replace(whole, split))[0] == told(GOOD)[0]
+    capture = f"0.105000 S3 {ANSWER}\n"
+    assert capture in GOOD
+    assert lines_of(GOOD.replace(capture, split))[0] == lines_of(GOOD)[0]
 
 
 # --- captures and recordings
 
 
-def test_a_piece_is_written_as_it_is_read() -> None:
+def test_capture_piece_round_trips() -> None:
     pieces = list(parse_capture("0.25 rx 10\t02 # why\n\n0.25 tx 0506", "c"))
     assert pieces == [Piece(0.25, Sender.ROBOT, b"\x10\x02"), Piece(0.25, Sender.PC, b"\x05\x06")]
     assert list(parse_capture("\n".join(map(str, pieces)), "c")) == pieces
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("0 PC 5", "line 1: '0 PC 5' is not a piece"),
         ("0 PC 05\n0 who 05", "line 2"),
@@ -245,17 +245,17 @@ def test_a_piece_is_written_as_it_is_read() -> None:
         ("1 PC 05\n0.5 PC 05", "line 2: 0.5 s is before 1 s"),
     ],
 )
-def test_a_wrong_line_of_a_capture_is_named(text: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
+def test_capture_invalid_line_is_named(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         list(parse_capture(text, "c"))
 
 
-def test_a_recording_with_foreign_pieces_is_refused() -> None:
-    with pytest.raises(ConfigError, match="is no piece"):
+def test_monitor_refuses_recording_with_invalid_pieces() -> None:
+    with pytest.raises(ConfigError, match="is not a piece"):
         list(link_pieces([LinkRecord(0.0, ("nonsense",))], "r"))
 
 
-def test_the_link_log_puts_pieces_together() -> None:
+def test_link_log_joins_pieces() -> None:
     records: list[LinkRecord] = []
     log = LinkLog(lambda at, pieces: records.append(LinkRecord(at, pieces)))
     for number in range(70):
@@ -269,7 +269,7 @@ def test_the_link_log_puts_pieces_together() -> None:
     assert list(link_pieces(records, "r"))[-1] == Piece(101.0, Sender.PC, b"\x05")
 
 
-def test_link_events_stand_between_the_bytes_and_are_no_bytes() -> None:
+def test_link_log_separates_events_from_bytes() -> None:
     records: list[LinkRecord] = []
     log = LinkLog(lambda at, pieces: records.append(LinkRecord(at, pieces)))
     log.take(100.0, "tx", b"\x05")
@@ -280,20 +280,20 @@ def test_link_events_stand_between_the_bytes_and_are_no_bytes() -> None:
     assert [piece.data for piece in link_pieces(records, "r")] == [b"\x05", b"\x10"]
 
 
-def test_a_run_records_its_link_and_the_monitor_reads_it(tmp_path: Path) -> None:
+def test_monitor_reads_link_of_recorded_run(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     config = load_config(None, {"run.duration_s": 1.0})
     execute(config, True, Outputs(record=file), view=False)
     records, metadata = read_link(file)
-    told = Counter(
+    counts = Counter(
         event.split(": ")[0]
         for record in records
         for event in (piece.partition(" -- ")[2] for piece in record.pieces)
         if event
     )
     counted = json.loads(read(file).end["link"])
-    assert told == {str(kind): counted[kind] for kind in NoticeKind if counted[kind]}
-    assert told["ACK received"] >= 2 * told["bid sent"] > 20
+    assert counts == {str(kind): counted[kind] for kind in NoticeKind if counted[kind]}
+    assert counts["ACK received"] >= 2 * counts["bid sent"] > 20
     assert "config" in metadata
     result = CliRunner().invoke(cli, ["monitor", str(file), "--raw"])
     assert result.exit_code == 0
@@ -305,7 +305,7 @@ def test_a_run_records_its_link_and_the_monitor_reads_it(tmp_path: Path) -> None
     assert "0 repeated, 0 NAK, 0 unanswered, 0 collisions, 0 bytes without meaning" in lines[-1]
 
 
-def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path) -> None:
+def test_monitor_command_reads_captures_and_names_errors(tmp_path: Path) -> None:
     file = tmp_path / "capture.txt"
     file.write_text(GOOD)
     result = CliRunner().invoke(cli, ["monitor", str(file)])
@@ -315,19 +315,19 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
     assert "14.9 ms" in first
     assert second.split()[1] == "+0.091900"
     assert total.startswith("2 blocks, 0 repeated")
-    for text, words in (("", "contains no traffic"), ("0 PC 0", "is not a piece")):
+    for text, message in (("", "contains no traffic"), ("0 PC 0", "is not a piece")):
         file.write_text(text)
         error = CliRunner().invoke(cli, ["monitor", str(file)]).exception
         assert isinstance(error, ConfigError)
-        assert words in str(error)
+        assert message in str(error)
     file.write_bytes(b"\xff\xfe\x00")
     error = CliRunner().invoke(cli, ["monitor", str(file)]).exception
     assert isinstance(error, ConfigError)
-    assert "is no text in utf-16" in str(error)
+    assert "is not valid utf-16" in str(error)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["nothing.mcap"], "cannot read nothing.mcap: No such file or directory"),
         (["nothing"], "it names no kind"),
@@ -337,16 +337,16 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
         (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "only one CAN bus can be monitored"),
     ],
 )
-def test_wrong_sources_are_named(arguments: list[str], words: str) -> None:
+def test_monitor_invalid_source_is_named(arguments: list[str], message: str) -> None:
     error = CliRunner().invoke(cli, ["monitor", *arguments]).exception
     assert isinstance(error, ConfigError)
-    assert words in str(error)
+    assert message in str(error)
 
 
 # --- while it runs, in virtual time
 
 
-def test_frames_of_a_bus_are_shown_as_they_come(capsys: pytest.CaptureFixture[str]) -> None:
+def test_monitor_shows_can_frames_live(capsys: pytest.CaptureFixture[str]) -> None:
     async def main() -> None:
         clock = Clock.running()
         listening = asyncio.create_task(listen_can("can+memory:bus", Printer(raw=True)))
@@ -366,8 +366,8 @@ def test_frames_of_a_bus_are_shown_as_they_come(capsys: pytest.CaptureFixture[st
     assert line.endswith("{01 00 FE FF 03 00 07 00}")
 
 
-def test_two_wires_are_heard_until_one_ends(capsys: pytest.CaptureFixture[str]) -> None:
-    kept: list[Piece] = []
+def test_monitor_receives_two_wires_until_one_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    pieces: list[Piece] = []
 
     async def main() -> None:
         clock = Clock.running()
@@ -382,22 +382,24 @@ def test_two_wires_are_heard_until_one_ends(capsys: pytest.CaptureFixture[str]) 
 
         talking = asyncio.create_task(talk())
         with pytest.raises(TransportEnded):
-            await listen(("memory:pc", "memory:robot"), LinkProfile(), KNOWN, Printer(raw=False), kept.append)
+            await listen(
+                ("memory:pc", "memory:robot"), LinkProfile(), KNOWN, Printer(raw=False), pieces.append
+            )
         await talking
         await robot.transport.aclose()
 
     run_virtual(main)
     (line,) = capsys.readouterr().out.splitlines()
     assert "! read status, order [bid 20.0 ms, no answer]" in line
-    assert [piece.sender for piece in kept] == [Sender.PC, Sender.ROBOT, Sender.PC]
-    assert kept[2].at == pytest.approx(0.04)
+    assert [piece.sender for piece in pieces] == [Sender.PC, Sender.ROBOT, Sender.PC]
+    assert pieces[2].at == pytest.approx(0.04)
 
 
 LOG = "(1436509052.249713) can0 201#C80010270000\n(1436509052.349713) can0 20000004#0000000000000000\n"
 CONSOLE = "  can0  201   [6]  C8 00 10 27 00 00\n\n  can1  12345678   [1]  07\n"
 
 
-def monitored(folder: Path, text: str, *more: str, sensor: str = "") -> str:
+def monitor_output(folder: Path, text: str, *more: str, sensor: str = "") -> str:
     file, config = folder / "can.log", folder / "cell.toml"
     file.write_text(text)
     config.write_text(f'[sensor]\nemulated = "{sensor}"\n')
@@ -407,23 +409,25 @@ def monitored(folder: Path, text: str, *more: str, sensor: str = "") -> str:
     return result.output if result.exit_code == 0 else str(result.exception)
 
 
-def test_monitor_of_a_candump_log_prints_its_frames(tmp_path: Path) -> None:
-    first, second = monitored(tmp_path, LOG).splitlines()
+def test_monitor_of_candump_log_prints_frames(tmp_path: Path) -> None:
+    first, second = monitor_output(tmp_path, LOG).splitlines()
     assert first.split() == ["0.000000", "+0.000000", "can0", "201#C80010270000"]
     assert second.split()[:4] == ["0.100000", "+0.100000", "bus", "!"]
-    first, second = monitored(tmp_path, CONSOLE, "--raw", sensor="jr3").splitlines()
+    first, second = monitor_output(tmp_path, CONSOLE, "--raw", sensor="jr3").splitlines()
     assert first.split("can0")[0].split() == ["-", "-"]
     assert "start async: cutoff 2 Hz, period 0.01 s  {C8 00 10 27 00 00}" in first
     assert "can1" in second
-    assert "11-bit identifiers only" in second
+    assert "only data frames with 11-bit identifiers" in second
 
 
-def test_monitor_refuses_what_a_candump_log_cannot_have(tmp_path: Path) -> None:
+def test_monitor_of_candump_log_refuses_other_options(tmp_path: Path) -> None:
     falling = "(2.0) can0 201#00\n(1.0) can0 201#00\n"
-    assert "can.log: line 2: its time is before that of the line before" in monitored(tmp_path, falling)
-    assert "can.log: line 2: no line of candump" in monitored(tmp_path, "can0  201   [0]\nhello\n")
-    assert "the sensor of " in monitored(tmp_path, LOG, sensor="netft")
-    assert "--device applies only to a recording" in monitored(tmp_path, LOG, "--device", "sensor")
+    assert "can.log: line 2: its time is before that of the previous line" in monitor_output(
+        tmp_path, falling
+    )
+    assert "can.log: line 2: not a line of candump" in monitor_output(tmp_path, "can0  201   [0]\nhello\n")
+    assert "the sensor of " in monitor_output(tmp_path, LOG, sensor="netft")
+    assert "--device applies only to a recording" in monitor_output(tmp_path, LOG, "--device", "sensor")
 
 
 @pytest.mark.parametrize(
@@ -438,13 +442,13 @@ def test_monitor_refuses_what_a_candump_log_cannot_have(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", ["jr3-can", "jr3"])
-def test_decode_takes_lines_of_candump(kind: str, pasted: list[str]) -> None:
+def test_decode_accepts_lines_of_candump(kind: str, pasted: list[str]) -> None:
     result = CliRunner().invoke(cli, ["decode", kind, *pasted])
     assert result.exit_code == 0, result.exception
     assert result.output.count('"op": "start async"') == max(1, sum(text.count("(1.") for text in pasted))
 
 
-def test_decode_names_a_wrong_line_of_candump() -> None:
+def test_decode_names_invalid_line_of_candump() -> None:
     error = CliRunner().invoke(cli, ["decode", "jr3-can", "can0", "201", "[6]", "C8"]).exception
     assert isinstance(error, ConfigError)
-    assert "[6] bytes are announced, and 1 are there; quote each line" in str(error)
+    assert "[6] bytes are announced, but 1 are present; quote each line" in str(error)

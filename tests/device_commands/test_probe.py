@@ -46,17 +46,17 @@ EIGHT = [
 
 @dataclass
 class ProbeResult:
-    """Findings and words of a probe."""
+    """Findings and output of a probe."""
 
     finding: Finding | None = None
-    tries: list[tuple[Try, Outcome]] = field(default_factory=list)
+    attempts: list[tuple[Try, Outcome]] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     sent: bytes = b""
     took: float = 0.0
     cell: PaperCell | None = None
 
 
-def probed(
+def probe_controller(
     link: LinkProfile,
     url: str = "memory:robot",
     listen: str | None = None,
@@ -75,12 +75,16 @@ def probed(
             listen or f"memory:robot?baudrate={link.baudrate}&parity={link.parity}", clock
         )
 
-        def heard(direction: object, data: bytes) -> None:
+        def record_traffic(direction: object, data: bytes) -> None:
             if direction == "rx":
                 result.sent += data
 
         pump: Pump[bytes, Any] = Pump(
-            cell.robot, Tap(listening.transport, heard), clock, lambda event: None, lambda cause: None
+            cell.robot,
+            Tap(listening.transport, record_traffic),
+            clock,
+            lambda event: None,
+            lambda cause: None,
         )
         pump.start()
         begun = clock.now()
@@ -90,7 +94,7 @@ def probed(
             url,
             clock,
             0.7,
-            lambda attempt, outcome: result.tries.append((attempt, outcome)),
+            lambda attempt, outcome: result.attempts.append((attempt, outcome)),
             result.said.append,
         )
         result.took = clock.now() - begun
@@ -101,9 +105,9 @@ def probed(
 
 
 @pytest.mark.parametrize(("parity", "stuffing", "style"), EIGHT)
-def test_each_combination_is_found_and_makes_a_configuration(parity, stuffing, style, tmp_path: Path) -> None:
+def test_probe_finds_each_combination_of_settings(parity, stuffing, style, tmp_path: Path) -> None:
     link = LinkProfile(parity=parity.value, dle_stuffing=stuffing, accepted_lengths=style)
-    result = probed(link)
+    result = probe_controller(link)
     finding = result.finding
     assert finding is not None
     assert (finding.line, finding.dle_stuffing, finding.length_style) == (
@@ -131,15 +135,13 @@ def test_each_combination_is_found_and_makes_a_configuration(parity, stuffing, s
         ("data", "double", "default", "data"),
     ],
 )
-def test_the_set_that_answers_is_named_and_written(
-    accepted, stuffing, profile, style, tmp_path: Path
-) -> None:
-    finding = probed(LinkProfile(accepted_lengths=accepted, dle_stuffing=stuffing)).finding
+def test_probe_writes_profile_that_answers(accepted, stuffing, profile, style, tmp_path: Path) -> None:
+    finding = probe_controller(LinkProfile(accepted_lengths=accepted, dle_stuffing=stuffing)).finding
     assert finding is not None
     assert (finding.profile, finding.length_style) == (profile, style)
-    moved = "" if profile == "default" else "; with this profile a real S3 has been moved"
+    note = "" if profile == "default" else "; with this profile a real S3 has been moved"
     lengths = "whole and data" if accepted == "both" else accepted
-    assert profile_evidence(finding) == f"length {lengths} answered{moved}"
+    assert profile_evidence(finding) == f"length {lengths} answered{note}"
     assert ("profile", f"{profile} ({profile_evidence(finding)})") in finding_rows("memory:robot", finding)
     file = tmp_path / "site.toml"
     file.write_text(site_toml("memory:robot", finding))
@@ -148,10 +150,10 @@ def test_the_set_that_answers_is_named_and_written(
     assert link.move_length == (60 if profile == "observed-client" else 52)
 
 
-def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Path) -> None:
-    """In virtual time, against a controller that wants other settings than the usual ones."""
+def test_probe_output_runs_after_completion(tmp_path: Path) -> None:
+    """The controller needs settings other than the defaults; time is virtual."""
     link = LinkProfile(parity="N", dle_stuffing="double", accepted_lengths="data")
-    finding = probed(link).finding
+    finding = probe_controller(link).finding
     assert finding is not None
     file = tmp_path / "site.toml"
     file.write_text(site_toml("memory:robot", finding))
@@ -187,23 +189,23 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
 
 
 @pytest.mark.parametrize("line", [LineSettings(19200, Parity.NONE), LineSettings(300, Parity.EVEN)])
-def test_other_rates_are_found(line: LineSettings) -> None:
-    result = probed(LinkProfile(baudrate=line.baudrate, parity=line.parity.value))
+def test_probe_finds_other_baud_rates(line: LineSettings) -> None:
+    result = probe_controller(LinkProfile(baudrate=line.baudrate, parity=line.parity.value))
     assert result.finding is not None
     assert result.finding.line == line
     assert result.took < 25.0
 
 
-def test_odd_parity_acknowledges_a_bid_and_is_still_found() -> None:
-    """ENQ and ACK have two ones each: with odd parity their parity bit looks like a stop bit."""
-    result = probed(LinkProfile(parity="O"), url="memory:robot?baudrate=9600&parity=N")
-    assert result.tries[0][1].reply is Reply.BLOCK_REFUSED
+def test_probe_finds_odd_parity() -> None:
+    """ENQ and ACK contain two ones each: with odd parity, their parity bit looks like a stop bit."""
+    result = probe_controller(LinkProfile(parity="O"), url="memory:robot?baudrate=9600&parity=N")
+    assert result.attempts[0][1].reply is Reply.BLOCK_REFUSED
     assert result.finding is not None
     assert result.finding.line == LineSettings(9600, Parity.ODD)
 
 
-def test_nothing_but_read_status_is_sent() -> None:
-    result = probed(LinkProfile(dle_stuffing="double", accepted_lengths="data"))
+def test_probe_sends_read_status_only() -> None:
+    result = probe_controller(LinkProfile(dle_stuffing="double", accepted_lengths="data"))
     left = result.sent
     styles: tuple[LengthStyle, ...] = "whole", "data"
     stuffings: tuple[DleStuffing, ...] = "off", "double"
@@ -217,35 +219,37 @@ def test_nothing_but_read_status_is_sent() -> None:
     assert {query.value.function for query in Query} == {19}
 
 
-def test_what_the_url_names_is_tried_first() -> None:
-    result = probed(LinkProfile(baudrate=4800, parity="N"), url="memory:robot?baudrate=4800&parity=N")
-    assert [attempt.line for attempt, _ in result.tries] == [LineSettings(4800)] * 3
+def test_probe_tries_settings_of_url_first() -> None:
+    result = probe_controller(
+        LinkProfile(baudrate=4800, parity="N"), url="memory:robot?baudrate=4800&parity=N"
+    )
+    assert [attempt.line for attempt, _ in result.attempts] == [LineSettings(4800)] * 3
 
 
-def test_an_answer_with_a_dle_decides_the_doubling_by_itself() -> None:
+def test_probe_answer_with_dle_decides_doubling() -> None:
     """X = 898 mm is 1C10h."""
     for stuffing in ("off", "double"):
-        result = probed(LinkProfile(dle_stuffing=stuffing), position_mm=(898.0, -100.0, 600.0))
+        result = probe_controller(LinkProfile(dle_stuffing=stuffing), position_mm=(898.0, -100.0, 600.0))
         assert result.finding is not None
         assert result.finding.dle_stuffing == stuffing
         assert result.finding.stuffing_evidence.startswith("an answer with 10h")
-        assert Query.MARKED not in [attempt.query for attempt, _ in result.tries]
+        assert Query.MARKED not in [attempt.query for attempt, _ in result.attempts]
 
 
-def test_spontaneous_messages_are_acknowledged_and_told() -> None:
+def test_probe_acknowledges_and_reports_messages() -> None:
     """The controller bids before the probe listens, and answers no bid until it has bid again."""
-    result = probed(LinkProfile(), prepare=lambda cell, now: cell.robot.press_emergency_stop(now))
+    result = probe_controller(LinkProfile(), prepare=lambda cell, now: cell.robot.press_emergency_stop(now))
     assert result.finding is not None
     assert len(result.said) == 1
     assert "operational error" in result.said[0]
-    assert "emergency stop" in result.tries[0][1].text
+    assert "emergency stop" in result.attempts[0][1].text
 
 
-def test_a_wire_without_a_listener_is_told_at_once() -> None:
+def test_probe_wire_without_listener_fails_at_once() -> None:
     with pytest.raises(TransportUnavailable, match="no program listens"):
-        probed(LinkProfile(), url="memory:other")
+        probe_controller(LinkProfile(), url="memory:other")
     with pytest.raises(ConfigError, match="unknown scheme"):
-        probed(LinkProfile(), url="serail:///dev/ttyUSB0")
+        probe_controller(LinkProfile(), url="serail:///dev/ttyUSB0")
 
 
 # --- the plan without any wire
@@ -255,27 +259,27 @@ USUAL = LineSettings(9600, Parity.EVEN)
 
 
 def run_search(answer: Callable[[Try], Outcome], lines=(USUAL,)) -> tuple[Search, list[Try]]:
-    search, tries = Search(lines), []
+    search, attempts = Search(lines), []
     while search.attempt is not None:
-        tries.append(search.attempt)
+        attempts.append(search.attempt)
         search.take(answer(search.attempt))
-    return search, tries
+    return search, attempts
 
 
-def test_a_controller_without_marked_queries_leaves_doubling_open() -> None:
-    search, tries = run_search(
+def test_probe_without_marked_queries_leaves_doubling_open() -> None:
+    search, attempts = run_search(
         lambda attempt: Outcome(Reply.ANSWERED if attempt.query is Query.PLAIN else Reply.BLOCK_REFUSED)
     )
     assert search.finding == Finding(USUAL, ("whole", "data"), "off", "")
-    assert len(tries) == 4
+    assert len(attempts) == 4
     assert "# not decided" in site_toml("serial:///dev/ttyUSB0", search.finding)
 
 
-def test_silence_tries_every_line_once_and_finds_nothing() -> None:
+def test_probe_of_silent_link_tries_every_line_once() -> None:
     lines = likely_lines(USUAL)
-    search, tries = run_search(lambda attempt: Outcome(Reply.SILENCE), lines)
+    search, attempts = run_search(lambda attempt: Outcome(Reply.SILENCE), lines)
     assert search.finding is None
-    assert [attempt.line for attempt in tries] == list(lines)
+    assert [attempt.line for attempt in attempts] == list(lines)
     assert lines[:4] == (
         LineSettings(9600, Parity.EVEN),
         LineSettings(9600),
@@ -285,7 +289,7 @@ def test_silence_tries_every_line_once_and_finds_nothing() -> None:
     assert len(set(lines)) == len(lines) == 21
 
 
-def test_a_wire_without_a_line_of_its_own_is_asked_as_it_is() -> None:
+def test_probe_of_wire_without_line_uses_it_unchanged() -> None:
     search, _ = run_search(lambda attempt: Outcome(Reply.ANSWERED, holds_dle=True), (None,))
     assert search.finding is not None
     text = site_toml("tcp://10.0.0.5:4000", search.finding)
@@ -294,7 +298,7 @@ def test_a_wire_without_a_line_of_its_own_is_asked_as_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("replies", "words"),
+    ("replies", "message"),
     [
         ([Reply.SILENCE], "crossed"),
         ([Reply.SILENCE, Reply.NOISE], "only noise"),
@@ -302,13 +306,13 @@ def test_a_wire_without_a_line_of_its_own_is_asked_as_it_is() -> None:
         ([Reply.SILENCE, Reply.BLOCK_REFUSED], "acknowledges bids at 9600 8E1"),
     ],
 )
-def test_failures_say_what_to_do(replies, words) -> None:
+def test_probe_failures_report_remedy(replies, message) -> None:
     attempt = Try(LineSettings(9600, Parity.EVEN), "whole", "off", Query.PLAIN)
     log = [(attempt, Outcome(reply)) for reply in replies]
-    assert words in str(find_trouble("serial:///dev/ttyS0", log))
+    assert message in str(find_trouble("serial:///dev/ttyS0", log))
 
 
-def test_urls_keep_their_other_options() -> None:
+def test_probe_url_keeps_other_options() -> None:
     assert (
         url_with_line("serial:///dev/ttyS0", USUAL) == "serial:///dev/ttyS0?baudrate=9600&parity=E&stopbits=1"
     )
@@ -320,15 +324,15 @@ def test_urls_keep_their_other_options() -> None:
     )
 
 
-def test_prober_tells_what_the_robot_says_and_how_a_query_ended() -> None:
-    """Spontaneous 127 suffix 17, data 5, 3; then silence to our bid."""
+def test_prober_reports_messages_and_outcome() -> None:
+    """Unsolicited 127 suffix 17, data 5, 3; then no answer to the bid."""
     prober = Prober()
     prober.receive(b"\x05", 0.0)
     assert prober.data_to_send(0.0) == b"\x06"
     prober.receive(encode_block(bytes.fromhex("000C00007F03001100050003")), 0.1)
     prober.receive(b"\x04", 0.2)
-    assert isinstance(said := prober.next_event(), UnsolicitedMessage)
-    assert "5.3" in said.text
+    assert isinstance(message := prober.next_event(), UnsolicitedMessage)
+    assert "5.3" in message.text
     attempt = Try(LineSettings(), "whole", "off", Query.PLAIN)
     prober.ask(attempt.query, profile_of(attempt, 0.5, 1.0))
     assert prober.data_to_send(1.0) == b"\x05"

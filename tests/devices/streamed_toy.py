@@ -1,4 +1,4 @@
-"""A small robot that drives the cycle, its client, and a link between them: all in virtual time."""
+"""Small robot that drives the cycle, its client, and a link between them, in virtual time."""
 
 import itertools
 import math
@@ -21,7 +21,7 @@ SPEED = 0.05
 DOWN = (0.0, 1.0, 0.0, 0.0)
 START = Pose((0.9, -0.1, 0.6), DOWN)
 AT_ONCE = 1e3
-"""An acceleration that bounds nothing, m/s² or rad/s². The test of the gain of speed takes the usual one."""
+"""Acceleration without effect, m/s² or rad/s². The test of the acceleration uses the default one."""
 LIMITS = MotionLimits(
     SPEED, hold_after=0.1, give_up_after=2.0, acceleration=AT_ONCE, turn_acceleration=AT_ONCE
 )
@@ -30,13 +30,13 @@ PACKET, ANSWER = struct.Struct("!Q7d?"), struct.Struct("!Q?7d")
 SLACK = 1e-9
 
 
-def moved(x_mm: float, z_mm: float = 0.0) -> Pose:
+def displaced(x_mm: float, z_mm: float = 0.0) -> Pose:
     (x, y, z), quaternion = START
     return Pose((x + x_mm * 1e-3, y, z + z_mm * 1e-3), quaternion)
 
 
 class ToyClient:
-    """Packs and unpacks, and nothing else: all that a third party's room needs beside its settings."""
+    """Client that only packs and unpacks: all that a plug-in's device package needs in addition to its settings."""
 
     def __init__(self) -> None:
         self._events: deque[StreamEvent] = deque()
@@ -65,7 +65,7 @@ class ToyClient:
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """There is none."""
+        """Do nothing: there is no deadline."""
 
     def begin(self, pose: Pose) -> None:
         self.calls.append("begin")
@@ -82,18 +82,18 @@ class ToyClient:
 
 @dataclass
 class ToyRobot:
-    """Sends a packet each cycle, and goes at once where an answer tells it to."""
+    """Robot that sends a packet each cycle, and adopts the set point of an answer at once."""
 
     wire: DatagramWire
     clock: Clock
     pose: Pose = START
     stopped: bool = False
     silent: bool = False
-    told_off_mm: float = 0.0
-    """It tells to be so much farther along x than it is."""
+    reported_offset_mm: float = 0.0
+    """Offset of the reported position from the true one along x, mm."""
     sent: int = 0
     answers: list[tuple[float, int, bool, Pose]] = field(default_factory=list)
-    """Each: when it came, to which packet, whether within a movement, the set point."""
+    """Arrival, number of the packet, whether in a movement, and set point of each answer."""
     timer: Timer | None = None
 
     def start(self) -> None:
@@ -110,8 +110,8 @@ class ToyRobot:
     def send(self) -> None:
         self.sent += 1
         (x, y, z), quaternion = self.pose
-        place = x + self.told_off_mm * 1e-3, y, z
-        self.wire.send([PACKET.pack(self.sent, *place, *quaternion, self.stopped)])
+        position = x + self.reported_offset_mm * 1e-3, y, z
+        self.wire.send([PACKET.pack(self.sent, *position, *quaternion, self.stopped)])
 
     def _answered(self, data: Datagrams) -> None:
         for datagram in data:
@@ -128,7 +128,7 @@ class ToyRobot:
 
 @dataclass
 class Cell:
-    """A link, its robot, and what the link told."""
+    """Link, its robot, and the notices of the link."""
 
     link: StreamedLink[Datagrams]
     robot: ToyRobot
@@ -142,7 +142,7 @@ class Cell:
 
 def run_cell(script: Callable[[Cell], Awaitable[None]], options: str = "", starts: bool = True) -> Cell:
     """Run a script with a link over a network in memory; `options` are of the robot's end."""
-    kept: list[Cell] = []
+    cells: list[Cell] = []
 
     async def main() -> None:
         clock = Clock.running()
@@ -160,9 +160,9 @@ def run_cell(script: Callable[[Cell], Awaitable[None]], options: str = "", start
         seam.start()
         if starts:
             robot.start()
-        kept.append(Cell(link, robot, client, clock, notices))
+        cells.append(Cell(link, robot, client, clock, notices))
         try:
-            await script(kept[0])
+            await script(cells[0])
         finally:
             await link.aclose()
             if robot.timer is not None:
@@ -170,7 +170,7 @@ def run_cell(script: Callable[[Cell], Awaitable[None]], options: str = "", start
             await robot.wire.aclose()
 
     run_virtual(main)
-    return kept[0]
+    return cells[0]
 
 
 def check_bounded(setpoints: Sequence[Pose], limits: MotionLimits = LIMITS) -> None:

@@ -1,4 +1,4 @@
-"""The force sensor of the bridge over the client of another make: SI values, no full scales, a zero of the host's."""
+"""Force sensor of the bridge with a plug-in client: SI values, no full scales, zero on the host."""
 
 import math
 import struct
@@ -34,7 +34,7 @@ FACTS = SensorFacts("plain 6, number 1", (1.0,) * 6, None, None, 0.001, 0.0, "ho
 
 
 class PlainClient:
-    """Endpoint of a sensor that streams samples from the start, and knows no order."""
+    """Endpoint of a sensor that streams from the start and accepts no orders."""
 
     stop_patience = 0.0
 
@@ -71,7 +71,7 @@ class PlainClient:
 
 @dataclass
 class Frames(NullLog):
-    """Keeps all frames and notices."""
+    """Log that stores all frames and notices."""
 
     frames: list[WrenchFrame] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
@@ -83,11 +83,11 @@ class Frames(NullLog):
         self.notices.append(text)
 
 
-Tell = Callable[..., Awaitable[None]]
+SendSample = Callable[..., Awaitable[None]]
 
 
-def with_sensor(script: Callable[[ForceSensor, Tell, Clock], Awaitable[None]]) -> Frames:
-    """Run a script with a sensor whose samples it tells: six values and a status each."""
+def with_sensor(script: Callable[[ForceSensor, SendSample, Clock], Awaitable[None]]) -> Frames:
+    """Run a script with a sensor whose samples it sets: six values and a status each."""
     log = Frames()
 
     async def main() -> None:
@@ -97,12 +97,12 @@ def with_sensor(script: Callable[[ForceSensor, Tell, Clock], Awaitable[None]]) -
         sensor = ForceSensor(await connect_bytes("memory:plain", clock), PlainClient(), clock, log)
         sensor.start()
 
-        async def tell(*values: float, status: int = 0) -> None:
+        async def send_sample(*values: float, status: int = 0) -> None:
             device.send(SAMPLE.pack(*values, status))
             await clock.sleep_until(clock.now() + 0.001)
 
         try:
-            await script(sensor, tell, clock)
+            await script(sensor, send_sample, clock)
         finally:
             await sensor.aclose()
             await device.aclose()
@@ -111,11 +111,11 @@ def with_sensor(script: Callable[[ForceSensor, Tell, Clock], Awaitable[None]]) -
     return log
 
 
-def test_si_values_are_the_wrench() -> None:
-    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+def test_sensor_si_values_are_used_as_wrench() -> None:
+    async def script(sensor: ForceSensor, send_sample: SendSample, clock: Clock) -> None:
         assert not sensor.is_ready or sensor.facts == FACTS
         assert await sensor.ready() == FACTS
-        await tell(1.5, -2.25, 3.0, 0.5, -0.25, 0.125)
+        await send_sample(1.5, -2.25, 3.0, 0.5, -0.25, 0.125)
         assert sensor.newest is not None
         assert sensor.wrench(sensor.newest) == (1.5, -2.25, 3.0, 0.5, -0.25, 0.125)
         assert (sensor.saturated, sensor.dead) == ((), ())
@@ -123,19 +123,19 @@ def test_si_values_are_the_wrench() -> None:
     assert [frame.values for frame in with_sensor(script).frames] == [(1.5, -2.25, 3.0, 0.5, -0.25, 0.125)]
 
 
-def test_the_clients_bits_are_the_saturated_axes_and_reach_the_guard() -> None:
-    """A saturation between two decisions is not forgotten when the axis comes back."""
+def test_sensor_saturation_bits_reach_guard() -> None:
+    """A saturation between two decisions counts, even if the axis has recovered."""
 
-    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+    async def script(sensor: ForceSensor, send_sample: SendSample, clock: Clock) -> None:
         await sensor.ready()
-        down, along = (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
-        turned = wrist(Config()).at_orientation((1.0, 0.0, 0.0, 0.0), None, down, along)
+        down, sideways = (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
+        turned = wrist(Config()).at_orientation((1.0, 0.0, 0.0, 0.0), None, down, sideways)
         sensor.peaks = Peaks(turned, sensor.facts.scales)
-        await tell(0.0, 0.0, 400.0, 0.0, 0.0, 0.0, status=0b000100)
+        await send_sample(0.0, 0.0, 400.0, 0.0, 0.0, 0.0, status=0b000100)
         assert sensor.saturated == ("fz",)
-        await tell(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status=0b100001)
+        await send_sample(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status=0b100001)
         assert sensor.saturated == ("fx", "mz")
-        await tell(0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
+        await send_sample(0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
         assert sensor.saturated == ()
         assert sensor.peaks.take() == (400.0, 400.0, 0.0, True)
         assert sensor.peaks.take()[3] is False
@@ -143,12 +143,12 @@ def test_the_clients_bits_are_the_saturated_axes_and_reach_the_guard() -> None:
     with_sensor(script)
 
 
-def test_identical_frames_are_counted_from_the_first_one() -> None:
-    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+def test_sensor_counts_identical_frames_from_first_one() -> None:
+    async def script(sensor: ForceSensor, send_sample: SendSample, clock: Clock) -> None:
         await sensor.ready()
         began = 0.0
         for fz, repeated in ((1.0, 0), (1.0, 1), (1.0, 2), (2.0, 0), (1.0, 0), (1.0, 1)):
-            await tell(0.0, 0.0, fz, 0.0, 0.0, 0.0)
+            await send_sample(0.0, 0.0, fz, 0.0, 0.0, 0.0)
             assert sensor.newest is not None
             began = sensor.newest.at if repeated == 0 else began
             assert (sensor.repeated, sensor.unchanged_since) == (repeated, began)
@@ -156,42 +156,44 @@ def test_identical_frames_are_counted_from_the_first_one() -> None:
     with_sensor(script)
 
 
-def test_a_zero_of_the_host_forgets_the_frames_before() -> None:
-    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+def test_sensor_host_zero_discards_earlier_frames() -> None:
+    async def script(sensor: ForceSensor, send_sample: SendSample, clock: Clock) -> None:
         await sensor.ready()
-        await tell(5.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        await send_sample(5.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         tare = clock.loop.create_task(sensor.tare())
         await clock.sleep_until(clock.now() + 0.001)
         for force in (5.0, 6.0, 7.0):
-            await tell(force, 0.0, 0.0, 0.0, 0.0, 0.0)
+            await send_sample(force, 0.0, 0.0, 0.0, 0.0, 0.0)
         await tare
         assert sensor.newest is None
         assert sensor.zeroed_from is not None
         assert sensor.zeroed_from.values[0] == 7.0
-        await tell(8.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        await send_sample(8.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         assert sensor.window(0.0) == [(2.0, 0.0, 0.0, 0.0, 0.0, 0.0)]
 
     with_sensor(script)
 
 
-def test_a_dead_axis_is_found_without_full_scales() -> None:
-    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+def test_sensor_dead_axis_is_detected_without_full_scales() -> None:
+    async def script(sensor: ForceSensor, send_sample: SendSample, clock: Clock) -> None:
         await sensor.ready()
         for k in range(round(DEAD_AFTER_S / 0.001) + 2):
-            await tell(0.03 * k, 0.01 * (k % 2), 0.0, 0.001 * (k % 3), 0.001 * (k % 2), 0.001 * (k % 5))
+            await send_sample(
+                0.03 * k, 0.01 * (k % 2), 0.0, 0.001 * (k % 3), 0.001 * (k % 2), 0.001 * (k % 5)
+            )
         assert sensor.dead == (2,)
 
     with_sensor(script)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_no_number_ends_the_sensor(value: float) -> None:
-    """No limit of the guard could be met by it."""
+def test_sensor_nan_value_ends_stream(value: float) -> None:
+    """NaN would satisfy every limit of the guard."""
 
-    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+    async def script(sensor: ForceSensor, send_sample: SendSample, clock: Clock) -> None:
         await sensor.ready()
-        await tell(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-        await tell(0.0, 0.0, value, 0.0, 0.0, 0.0)
+        await send_sample(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        await send_sample(0.0, 0.0, value, 0.0, 0.0, 0.0)
         with pytest.raises(DeviceError, match="reported a value that is not a number"):
             sensor.check()
 

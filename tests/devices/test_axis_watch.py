@@ -1,4 +1,4 @@
-"""Dead axes, from values alone, of a sensor that counts and of one that tells SI units and no full scales."""
+"""Dead axes, from values alone, of a sensor with counts and of one with SI units and no full scales."""
 
 from random import Random
 
@@ -10,13 +10,13 @@ from protocol.wrench import SensorFacts
 
 PERIOD_S = 0.01
 ENOUGH = round(DEAD_AFTER_S / PERIOD_S) + 1
-"""Frames after which the newest is so much later than the first."""
+"""Number of frames until the time limit."""
 QUIET = (0,) * 6
 COUNTING = facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, 0.0)
 PLAIN = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.0, "host")
 
 FAR = {"counts": (COUNTING, 1, 16384 / 10), "SI": (PLAIN, 0.01, DEAD_WHILE_MOVED[1])}
-"""A sensor, one step of its noise, and how far fy must move while another axis stands still."""
+"""Sensor, one step of its noise, and distance that fy must move while another axis is constant."""
 
 
 @pytest.fixture(params=FAR, ids=list(FAR))
@@ -32,7 +32,7 @@ def watch(kind, frames, period=PERIOD_S):
 
 
 def moving(kind, dead=(), frames=2 * ENOUGH, reach=2.0):
-    """All axes toggle about a zero as a quiet sensor does, and fy moves far; those in `dead` stay at 0."""
+    """Return frames: axes toggle about zero like a quiet sensor's, and fy moves far; those in `dead` stay at 0."""
     random = Random(3)
     _, noise, far = kind
     for k in range(frames):
@@ -41,14 +41,14 @@ def moving(kind, dead=(), frames=2 * ENOUGH, reach=2.0):
         yield tuple(0 if axis in dead else value for axis, value in enumerate(values))
 
 
-def test_a_dead_axis_is_found_among_others_that_move(kind):
+def test_axis_watch_finds_dead_axis_among_moving_ones(kind):
     assert watch(kind, moving(kind)).dead == ()
     assert watch(kind, moving(kind, dead={2})).dead == (2,)
     assert watch(kind, moving(kind, dead={2, 5})).dead == (2, 5)
 
 
-def test_quiet_axes_are_not_dead(kind):
-    """Neither while nothing moves, nor soon after the zero, nor when the axis lived once: it may rest at a value."""
+def test_axis_watch_accepts_quiet_axes(kind):
+    """An axis is not dead while nothing moves, soon after the zero, or if its value has changed before."""
     assert watch(kind, [QUIET] * 5000).dead == ()
     assert watch(kind, moving(kind, dead={2}, reach=0.99)).dead == ()
     assert watch(kind, moving(kind, dead={2}, frames=ENOUGH - 1)).dead == ()
@@ -56,7 +56,7 @@ def test_quiet_axes_are_not_dead(kind):
     assert watch(kind, lived).dead == ()
 
 
-def test_a_zero_begins_anew(kind):
+def test_axis_watch_restarts_after_zero(kind):
     watched = watch(kind, moving(kind, dead={2}))
     watched.zeroed()
     for k, values in enumerate(moving(kind)):
@@ -64,8 +64,8 @@ def test_a_zero_begins_anew(kind):
     assert watched.dead == ()
 
 
-def test_a_fast_sensor_has_as_long_to_show_that_its_axes_live(kind):
-    """At 7 kHz eight hundred frames are 0.11 s."""
+def test_axis_watch_time_limit_is_independent_of_rate(kind):
+    """At 7 kHz, eight hundred frames last 0.11 s."""
     few = list(moving(kind, dead={2}))
     assert watch(kind, few, period=1 / 7000).dead == ()
     assert watch(kind, few, period=PERIOD_S).dead == (2,)

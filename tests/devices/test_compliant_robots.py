@@ -1,4 +1,4 @@
-"""Every robot of ours presses with a compliant arm: what it reports, and where its tool is."""
+"""Built-in robots pressing with a compliant arm: reported position and true position of the tool."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The client of a robot against peers that misbehave, in virtual time; orders by name, bids and programs."""
+"""Client of a robot with misbehaving peers, in virtual time; orders by name, bids and programs."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -23,17 +23,17 @@ from tests.runs.kept_notices import Notices
 
 
 def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = None) -> tuple[str, float]:
-    """Error of reading the status against a peer that answers every piece of data so, and the time until it."""
+    """Return the error of a status request to a peer that always gives this answer, and the time until the error."""
 
     async def main() -> tuple[str, float]:
         clock = Clock.running()
         peer = (await listen_bytes("memory:s3", clock)).transport
 
-        def heard(data: bytes) -> None:
+        def send_answer(data: bytes) -> None:
             if reply := answer(data):
                 peer.send(reply)
 
-        peer.start(heard, lambda cause: None)
+        peer.start(send_answer, lambda cause: None)
         robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, NullLog())
         robot.start()
         began = clock.now()
@@ -42,38 +42,38 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
         try:
             with pytest.raises((DeviceError, TransportEnded)) as caught:
                 await robot.read_status()
-            took = clock.now() - began
+            elapsed_s = clock.now() - began
             if hang_up_at is not None:
                 with pytest.raises(TransportEnded):  # and no task waits for a dead wire again
                     await robot.read_status()
-                assert clock.now() - began == took
+                assert clock.now() - began == elapsed_s
         finally:
             await robot.aclose()
             await peer.aclose()
-        return str(caught.value), took
+        return str(caught.value), elapsed_s
 
     return run_virtual(main)
 
 
-def test_a_silent_robot_says_what_to_check_after_three_bids() -> None:
-    text, took = robot_failure(lambda data: b"")
-    assert text.startswith("robot on memory:s3: nothing came after 3 bids (ENQ); check cable and power, ")
+def test_silent_robot_reports_remedy_after_three_bids() -> None:
+    text, elapsed_s = robot_failure(lambda data: b"")
+    assert text.startswith("robot on memory:s3: nothing received after 3 bids (ENQ); check cable and power, ")
     assert text.endswith("; this end is set to 9600 8E1")
-    assert took == pytest.approx(6.0, abs=0.1)
+    assert elapsed_s == pytest.approx(6.0, abs=0.1)
 
 
-def test_nothing_but_noise_says_to_check_parity_and_rate() -> None:
+def test_noise_on_link_reports_parity_and_rate() -> None:
     text, _ = robot_failure(lambda data: bytes(byte ^ 0xFF for byte in data))
-    assert "bytes without meaning; check the rate and the parity on both sides" in text
+    assert "meaningless bytes; check the rate and the parity on both sides" in text
     assert text.endswith("; this end is set to 9600 8E1")
 
 
-def test_what_happens_on_the_link_is_told_by_name() -> None:
-    """Each bid and ACK for the link's log, what is out of the ordinary for people too."""
-    said = iter((b"\x06", b"\x15", b"\x06"))
+def test_link_events_are_reported_by_name() -> None:
+    """The link's log receives each bid and ACK; the operator, only what is unusual."""
+    answers = iter((b"\x06", b"\x15", b"\x06"))
     notices, events = [], []
 
-    class Told(NullLog):
+    class NoticeLog(NullLog):
         verbose = True
 
         def notice(self, kind: str, text: str) -> None:
@@ -86,12 +86,12 @@ def test_what_happens_on_the_link_is_told_by_name() -> None:
     async def main() -> None:
         clock = Clock.running()
         peer = (await listen_bytes("memory:s3", clock)).transport
-        peer.start(lambda data: peer.send(next(said, b"")), lambda cause: None)
+        peer.start(lambda data: peer.send(next(answers, b"")), lambda cause: None)
         robot = S3Link(
             await connect_bytes("memory:s3", clock),
             LinkProfile(order_timeout_s=0.5),
             clock,
-            Told(),
+            NoticeLog(),
         )
         robot.start()
         try:
@@ -111,10 +111,10 @@ def test_what_happens_on_the_link_is_told_by_name() -> None:
     ]
 
 
-def test_a_wire_that_ends_is_not_waited_for() -> None:
-    text, took = robot_failure(lambda data: b"", hang_up_at=0.5)
+def test_link_with_ended_wire_fails_at_once() -> None:
+    text, elapsed_s = robot_failure(lambda data: b"", hang_up_at=0.5)
     assert "the peer closed" in text
-    assert took == pytest.approx(0.5, abs=0.01)
+    assert elapsed_s == pytest.approx(0.5, abs=0.01)
 
 
 SITE = """
@@ -152,8 +152,9 @@ Robot = Callable[[S3Link, Clock], Awaitable[None]]
 def with_robot(
     script: Robot, site: S3Site = EMPTY_SITE, *, link: LinkProfile | None = None, cuts: bool = False
 ) -> list[str]:
-    """Run a script with the emulated robot on a 9600 baud line, which may cut a block short at the first DLE ETX; what
-    its client told people.
+    """Run a script with the emulated robot on a 9600 baud line; return the notices of its client.
+
+    With `cuts`, a block may be cut short at the first DLE ETX.
     """
     log = Notices()
     controllers = S3Profiles(link=LinkProfile(block_end="trailer" if cuts else "length"))
@@ -177,7 +178,7 @@ def with_robot(
     return [text for _, text in log.notices]
 
 
-def test_orders_are_called_by_name_with_values_in_their_units() -> None:
+def test_orders_are_sent_by_name_with_values_in_units() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         assert await robot.order("read_register", number=3) == {"value": 1.5}
         assert await robot.order("write_register", number=3, value=-2.0) == {}
@@ -191,7 +192,7 @@ def test_orders_are_called_by_name_with_values_in_their_units() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_an_order_given_up_stays_under_way_and_the_next_waits() -> None:
+def test_cancelled_order_completes_before_next_order() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         ended: list[str] = []
 
@@ -212,32 +213,32 @@ def test_an_order_given_up_stays_under_way_and_the_next_waits() -> None:
     with_robot(script)
 
 
-def test_an_announced_order_finds_the_line_won() -> None:
+def test_announced_order_uses_early_bid() -> None:
     character = 11 / 9600
 
     async def script(robot: S3Link, clock: Clock) -> None:
         await robot.read_status()
         assert robot.transmitted_at - robot.begun_at == pytest.approx((1 + 1 + 13 + 1 + 1) * character)
         await robot.read_status(soon=True)
-        given = clock.now() + 0.01  # meanwhile ENQ and ACK cross the line
-        await clock.sleep_until(given)
+        granted_at = clock.now() + 0.01  # meanwhile ENQ and ACK cross the line
+        await clock.sleep_until(granted_at)
         await robot.read_status()
-        assert robot.begun_at == given
-        assert robot.transmitted_at - given == pytest.approx((13 + 1 + 1) * character)
+        assert robot.begun_at == granted_at
+        assert robot.transmitted_at - granted_at == pytest.approx((13 + 1 + 1) * character)
         assert (robot.counters["bid sent"], robot.counters["line released"]) == (3, 0)
 
     with_robot(script)
 
 
 HIT_M = 0x1003 / 8000
-"""A coordinate whose word is DLE ETX, m."""
+"""Coordinate whose encoding is DLE ETX, m."""
 
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 SLOW = MotionLimits(0.05, 1.0, 1.0)
 
 
-def test_a_place_that_would_cut_its_block_short_gives_way_by_one_step() -> None:
+def test_position_with_block_trailer_is_shifted_by_one_step() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         await robot.ready()
         async with robot.motion(SLOW) as motion:
@@ -248,24 +249,24 @@ def test_a_place_that_would_cut_its_block_short_gives_way_by_one_step() -> None:
                 assert reached != HIT_M
                 assert abs(reached - height) <= 0.125e-3 + 1e-9
             assert motion.commanded == (0.9, -0.1, HIT_M + 1e-5)
-        # three points, and the end at the last of them
+        # three points; the movement ends at the last
         assert (robot.counters["10 03 avoided"], robot.counters["10 03 in data"]) == (4, 0)
 
     assert with_robot(script, cuts=True) == []
 
 
-def test_without_giving_way_the_order_fails_and_the_link_says_why() -> None:
+def test_unshifted_block_trailer_fails_with_reason() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         await robot.ready()
         with pytest.raises(DeviceError, match="10 03 in data 1"):
             async with robot.motion(SLOW) as motion:
                 await motion.to(Pose((0.9, -0.1, HIT_M), DOWN))
 
-    told = with_robot(script, link=LinkProfile(avoid_trailer=False), cuts=True)
-    assert sum(text.startswith("10 03 in data: a controller that ends a block") for text in told) == 1
+    notices = with_robot(script, link=LinkProfile(avoid_trailer=False), cuts=True)
+    assert sum(text.startswith("10 03 in data: a controller that ends a block") for text in notices) == 1
 
 
-def test_what_cannot_give_way_is_counted_each_time_and_told_once_a_minute() -> None:
+def test_unavoidable_trailer_is_counted_and_noted_rarely() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         for _ in range(5):
             with pytest.raises(OrderRefused):
@@ -278,7 +279,7 @@ def test_what_cannot_give_way_is_counted_each_time_and_told_once_a_minute() -> N
     assert [text.partition(":")[0] for text in with_robot(script)] == ["10 03 in data"] * 2
 
 
-def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
+def test_early_bid_is_not_sent_if_disabled() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         robot.profile = LinkProfile(bid_ahead=False)
         await robot.read_status(soon=True)
@@ -289,20 +290,20 @@ def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
     with_robot(script)
 
 
-def test_no_bid_follows_an_answer_that_its_caller_has_not_got() -> None:
+def test_early_bid_is_not_sent_after_cancelled_order() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(OrderRefused):
             await robot.exchange(Telegram(TelegramType.ORDER, 99, 0), soon=True)
-        given_up = asyncio.create_task(robot.read_status(soon=True))
+        cancelled = asyncio.create_task(robot.read_status(soon=True))
         await clock.sleep_until(clock.now() + 0.005)
-        given_up.cancel()
+        cancelled.cancel()
         await clock.sleep_until(clock.now() + 5.0)
         assert (robot.counters["bid sent"], robot.counters["messages received"]) == (2, 2)
 
     with_robot(script)
 
 
-def test_an_announced_order_that_never_comes_gives_the_line_back() -> None:
+def test_early_bid_without_order_releases_line() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         await robot.read_status(soon=True)
         await clock.sleep_until(clock.now() + 5.0)
@@ -312,10 +313,10 @@ def test_an_announced_order_that_never_comes_gives_the_line_back() -> None:
     with_robot(script)
 
 
-def test_an_order_that_cannot_be_is_refused_before_anything_is_sent() -> None:
+def test_invalid_order_is_refused_before_sending() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         for name, values, message in (
-            ("read_regster", {}, "there is no order 'read_regster'; did you mean read_register?"),
+            ("read_regster", {}, "unknown order 'read_regster'; did you mean read_register?"),
             ("read_register", {"nmber": 3}, "read_register order has no field nmber: it has number"),
             ("read_register", {"number": 65536}, "read_register order: number = 65536 is outside 0 … 65535"),
             ("write_register", {"value": 1e5}, "value = 100000 is outside -16384 … 16383.5 V"),
@@ -335,7 +336,7 @@ def test_an_order_that_cannot_be_is_refused_before_anything_is_sent() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_an_order_longer_than_a_block_goes_in_several() -> None:
+def test_long_order_is_sent_in_several_blocks() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         assert await robot.order("send_program", program=7, content=bytes(range(256))) == {}
         assert robot.counters["blocks sent"] == 3
@@ -344,7 +345,7 @@ def test_an_order_longer_than_a_block_goes_in_several() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_an_order_unknown_to_the_controller_is_refused_with_a_remedy() -> None:
+def test_order_unknown_to_controller_reports_remedy() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(
             OrderRefused, match="refused order 6: 11 wrong function code; this controller does"
@@ -355,7 +356,7 @@ def test_an_order_unknown_to_the_controller_is_refused_with_a_remedy() -> None:
     with_robot(script)
 
 
-def test_a_program_comes_over_many_blocks_at_the_lines_pace() -> None:
+def test_program_is_received_in_many_blocks() -> None:
     content = bytes(range(256)) * 4
 
     async def script(robot: S3Link, clock: Clock) -> None:
@@ -364,7 +365,7 @@ def test_a_program_comes_over_many_blocks_at_the_lines_pace() -> None:
         # 1028 bytes of data in 9 blocks of 13 bytes more, 11 bit times a character, and each block's ACK.
         assert clock.now() - began > (1028 + 9 * (13 + 1)) * 11 / 9600
         assert robot.counters["blocks received"] == 9
-        with pytest.raises(OrderRefused, match="7 no such program; name a program"):
+        with pytest.raises(OrderRefused, match="7 no such program; select a program"):
             await robot.receive_program(8)
         with pytest.raises(LocalProtocolError):
             await robot.receive_program(65536)
@@ -383,24 +384,24 @@ def test_a_program_comes_over_many_blocks_at_the_lines_pace() -> None:
         ),
     ],
 )
-def test_a_program_that_is_not_sent_or_another_one_is_an_error(answer: Telegram, message: str) -> None:
+def test_missing_or_wrong_program_is_error(answer: Telegram, message: str) -> None:
     with pytest.raises(DeviceError, match="robot on memory:s3") as caught:
-        answered(answer, lambda robot: robot.receive_program(7))
+        client_result(answer, lambda robot: robot.receive_program(7))
     assert message in str(caught.value)
 
 
-def test_an_answer_too_short_is_the_devices_error() -> None:
+def test_short_answer_is_device_error() -> None:
     short = Telegram(19, 2, 0, bytes(20), True)
-    for ask in (S3Link.read_status, lambda robot: robot.order("read_status")):
+    for request in (S3Link.read_status, lambda robot: robot.order("read_status")):
         with pytest.raises(
             DeviceError, match="sent an invalid answer: status needs 24 bytes of data, got 20"
         ):
-            answered(short, ask)
-    assert answered(short, lambda robot: robot.order(read_status())) == short
+            client_result(short, request)
+    assert client_result(short, lambda robot: robot.order(read_status())) == short
 
 
-def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> object:
-    """Result of the client for a robot that gives this answer to every order."""
+def client_result(answer: Telegram, request: Callable[[S3Link], Awaitable[object]]) -> object:
+    """Return the result of the client for a robot that gives this answer to every order."""
 
     class SetpointResponder(Link):
         def next_event(self) -> None:
@@ -417,7 +418,7 @@ def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> ob
         robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, NullLog())
         robot.start()
         try:
-            return await ask(robot)
+            return await request(robot)
         finally:
             await robot.aclose()
             await port.aclose()

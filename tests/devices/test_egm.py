@@ -1,4 +1,4 @@
-"""Runs with a robot that is guided by EGM, in virtual time."""
+"""Runs with a robot over EGM, in virtual time."""
 
 import json
 from collections.abc import Mapping
@@ -33,35 +33,35 @@ QUICKLY: dict[str, Any] = {
     "controller.sample_ms": 20,
     "robot.emulated": "egm",
 }
-"""Virtual seconds that no test here is about are left out."""
+"""Settings that shorten phases that are irrelevant here."""
 
 
 def go(
-    place: Path, faults: str = "", egm: str = "", client: str = "", options: Mapping[str, Any] | None = None
+    folder: Path, faults: str = "", egm: str = "", client: str = "", options: Mapping[str, Any] | None = None
 ) -> int:
-    """Exit code of a virtual run that leaves `run.mcap` and `run.json` there."""
-    file = place / "run.toml"
+    """Run in virtual time, write `run.mcap` and `run.json`, and return the exit code."""
+    file = folder / "run.toml"
     file.write_text(f"[cell.egm]\n{egm}\n[robot.egm]\n{client}\n{faults}")
     config = load_config(file, {**QUICKLY, **(options or {})})
-    outputs = Outputs(record=place / "run.mcap", summary=place / "run.json")
+    outputs = Outputs(record=folder / "run.mcap", summary=folder / "run.json")
     return execute(config, virtual=True, outputs=outputs, view=False)
 
 
-def run(place: Path, *arguments: Any, **more: Any) -> tuple[int, Recording, Any]:
-    """Exit code, recording and summary of a virtual run."""
-    code = go(place, *arguments, **more)
-    return code, read(place / "run.mcap"), json.loads((place / "run.json").read_text())
+def run(folder: Path, *arguments: Any, **more: Any) -> tuple[int, Recording, Any]:
+    """Run in virtual time and return exit code, recording and summary."""
+    code = go(folder, *arguments, **more)
+    return code, read(folder / "run.mcap"), json.loads((folder / "run.json").read_text())
 
 
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, Any]:
-    place = tmp_path_factory.mktemp("egm")
-    code, record, summary = run(place)
+    folder = tmp_path_factory.mktemp("egm")
+    code, record, summary = run(folder)
     assert code == 0
-    return place, record, summary
+    return folder, record, summary
 
 
-def test_the_loop_closes_to_ten_newtons(usual: tuple[Path, Recording, Any]) -> None:
+def test_egm_run_holds_ten_newtons(usual: tuple[Path, Recording, Any]) -> None:
     _, record, summary = usual
     assert summary["outcome"] == "completed"
     assert summary["left"] == "retracted, 0.0 N"
@@ -72,28 +72,28 @@ def test_the_loop_closes_to_ten_newtons(usual: tuple[Path, Recording, Any]) -> N
     assert facts.servo is not None
 
 
-def test_a_run_is_decided_again_to_the_bit(usual: tuple[Path, Recording, Any]) -> None:
+def test_egm_replay_is_identical(usual: tuple[Path, Recording, Any]) -> None:
     _, record, _ = usual
     cycles = list(replay(record, recorded_config(record, {}), False))
     assert len(cycles) > 50
     assert not any(cycle.differences for cycle in cycles)
 
 
-def test_two_runs_of_one_seed_are_the_same_bytes(usual: tuple[Path, Recording, Any], tmp_path: Path) -> None:
-    place, _, _ = usual
+def test_egm_runs_with_same_seed_are_identical(usual: tuple[Path, Recording, Any], tmp_path: Path) -> None:
+    folder, _, _ = usual
     run(tmp_path)
-    assert (tmp_path / "run.mcap").read_bytes() == (place / "run.mcap").read_bytes()
+    assert (tmp_path / "run.mcap").read_bytes() == (folder / "run.mcap").read_bytes()
 
 
 @pytest.mark.full
-def test_a_contour_is_followed_without_losing_it(tmp_path: Path) -> None:
+def test_egm_run_follows_contour_without_losing_contact(tmp_path: Path) -> None:
     code, _, summary = run(tmp_path, options=CONTOUR)
     assert code == 0
     assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
     assert summary["figures"]["contact_losses"] == 0
 
 
-def test_the_force_is_controlled_at_the_robots_own_rate(tmp_path: Path) -> None:
+def test_egm_run_controls_force_at_rate_of_robot(tmp_path: Path) -> None:
     at_4_ms = {"run.period_ms": 4, "controller.sample_ms": 4}
     code, _, summary = run(tmp_path, options=at_4_ms)
     assert code == 0
@@ -106,10 +106,10 @@ def fault(on: str, name: str, more: str = "") -> str:
 
 
 NOT_GUIDED = (
-    "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended; start the RAPID program"
+    "it is not guided (mciState STOPPED): EGMRunPose has not started or has ended; start the RAPID program"
 )
 ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log"
-SESSION = "the controller began another EGM session"
+SESSION = "the controller started another EGM session"
 REFUSALS: dict[str, tuple[str, str, str]] = {
     "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch them on"),
     "program stopped": (fault("robot", "program-stopped"), "", "the RAPID program is stopped; start it"),
@@ -127,7 +127,7 @@ REFUSALS: dict[str, tuple[str, str, str]] = {
     "other numbers": (
         fault("wire", "wrong-seqno", "with = {count = 50}"),
         "",
-        "its datagrams are numbered again",
+        "its datagrams restarted their numbering",
     ),
     "no number": (
         fault("pose", "nan", "with = {count = 1}"),
@@ -137,25 +137,25 @@ REFUSALS: dict[str, tuple[str, str, str]] = {
     "no pose": (
         fault("pose", "missing", "with = {count = 1}"),
         "",
-        "it tells no pose; guide it by EGMActPose",
+        "it reports no pose; guide it by EGMActPose",
     ),
     "a pose that jumps": (fault("pose", "offset", "with = {z_mm = 5.0}"), "", "the reported position jumped"),
     "another cycle": (
         "",
         "sample_ms = 8.0",
-        "it sends every 8.0 ms and not every 4 ms; set robot.egm.sample_ms",
+        "it sends every 8.0 ms instead of every 4 ms; set robot.egm.sample_ms",
     ),
 }
 
 
 @pytest.mark.parametrize(("faults", "egm", "reason"), REFUSALS.values(), ids=REFUSALS)
-def test_a_refusal_ends_the_run_with_one_plain_line(
+def test_egm_refusal_ends_run_with_one_line(
     faults: str, egm: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert go(tmp_path, faults, egm) == 3
-    told = capsys.readouterr().err
-    assert reason in told
-    assert told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert reason in message
+    assert message.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_a_refusal_ends_the_run_with_one_plain_line(
         fault("witness", "missing"),
     ],
 )  # fmt: skip
-def test_a_bad_network_is_lived_with_and_the_tool_retracted(faults: str, tmp_path: Path) -> None:
+def test_egm_run_on_bad_network_retracts_tool(faults: str, tmp_path: Path) -> None:
     code, record, summary = run(tmp_path, faults)
     assert code == 0
     assert summary["left"] == "retracted, 0.0 N"
@@ -178,16 +178,14 @@ def test_a_bad_network_is_lived_with_and_the_tool_retracted(faults: str, tmp_pat
 
 
 @pytest.mark.full
-def test_without_feed_forward_the_loop_closes_too(tmp_path: Path) -> None:
+def test_egm_run_without_feed_forward_holds_force(tmp_path: Path) -> None:
     code, _, summary = run(tmp_path, client="feed_forward = false", options={"run.duration_s": 3.0})
     assert code == 0
     assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
 
 
-def test_joints_in_radians_are_read_where_they_are_set(
-    usual: tuple[Path, Recording, Any], tmp_path: Path
-) -> None:
-    with pytest.raises(DeviceError, match="they fit it in radians"):
+def test_egm_run_reads_joints_in_configured_unit(usual: tuple[Path, Recording, Any], tmp_path: Path) -> None:
+    with pytest.raises(DeviceError, match="they match it in radians"):
         go(tmp_path, egm='joints_in = "radians"')
     (tmp_path / "run.mcap").unlink()
     (tmp_path / "run.json").unlink()
@@ -198,6 +196,6 @@ def test_joints_in_radians_are_read_where_they_are_set(
         assert (one.sample.position, one.sample.wrench) == (other.sample.position, other.sample.wrench)
 
 
-def test_a_robot_that_is_guided_by_joints_is_refused_before_anything_moves(tmp_path: Path) -> None:
+def test_egm_joint_mode_is_refused_before_motion(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r'cell\.egm\.mode = "joint": a run sends poses'):
         run(tmp_path, egm='mode = "joint"')

@@ -1,4 +1,4 @@
-"""Client and emulated controller of EGM together, in fed time: what stands still, and what the queue holds."""
+"""Client and emulated controller of EGM together, with time set by the test: positions and queue."""
 
 import math
 from collections.abc import Callable
@@ -33,7 +33,7 @@ LIMITS = MotionLimits(0.02, hold_after=30.0, give_up_after=60.0)
 
 
 class Pair:
-    """A controller whose datagrams are answered at once, on a network that may do something to them."""
+    """Controller whose datagrams are answered at once, on a network that may disturb them."""
 
     def __init__(self, client: EgmClient | None = None, **settings: Any) -> None:
         self.robot = EgmController(EgmProfile(**settings), StartPose(*START, tool_length=0.2), T0, 7)
@@ -54,9 +54,9 @@ class Pair:
             self.ledger.handle_deadline(self.now)
             self.robot.endpoint.handle_deadline(self.now)
             self.queued.append(len(self.robot.queue))
-            told = network(list(self.robot.endpoint.data_to_send(self.now)))
-            if told:
-                self.bridge.receive(told, self.now)
+            datagrams = network(list(self.robot.endpoint.data_to_send(self.now)))
+            if datagrams:
+                self.bridge.receive(datagrams, self.now)
             while (event := self.bridge.next_event()) is not None:
                 if isinstance(event, StreamLost):
                     self.lost.append(event.text)
@@ -64,7 +64,7 @@ class Pair:
         return self
 
     def moves_down(self) -> "Pair":
-        """A movement at 20 mm/s, half a second old."""
+        """Begin a movement at 20 mm/s and run it for half a second."""
         self.cycles(250)
         newest = self.bridge.newest
         assert newest is not None
@@ -78,19 +78,19 @@ class Pair:
         return x, y, z
 
 
-def test_a_movement_is_followed_within_its_delay() -> None:
+def test_egm_pair_follows_movement_within_delay() -> None:
     pair = Pair().moves_down()
     height = pair.true()[2]
-    way = 0.6 - height
-    assert way == pytest.approx(0.02 * (0.5 - 0.05), abs=1e-3)  # the delays of controller and arm
+    distance = 0.6 - height
+    assert distance == pytest.approx(0.02 * (0.5 - 0.05), abs=1e-3)  # the delays of controller and arm
     assert pair.bridge.counters["packets"] == pair.bridge.counters["answers"]
 
 
-def test_before_anything_was_ordered_the_tool_stands_exactly_where_it_was() -> None:
+def test_egm_pair_without_orders_does_not_move() -> None:
     assert Pair().cycles(500).true() == START.position
 
 
-def test_behind_a_movement_the_tool_stands_at_its_last_point_for_good() -> None:
+def test_egm_pair_stays_at_last_point_after_movement() -> None:
     pair = Pair().moves_down()
     pair.bridge.stay()
     pair.bridge.end()
@@ -100,38 +100,38 @@ def test_behind_a_movement_the_tool_stands_at_its_last_point_for_good() -> None:
 
 
 @pytest.mark.parametrize("fault", ["motors-off", "program-stopped"])
-def test_a_stop_by_people_is_left_standing_also_when_the_guidance_goes_on(fault: str) -> None:
-    """The target is still below; the controller would go there with the last reference."""
+def test_egm_pair_stays_stopped_after_operator_stop(fault: str) -> None:
+    """The target is still below; with the last reference, the controller would go there."""
     pair = Pair().moves_down()
     pair.ledger.inject("robot", fault, pair.now, {"for_s": 1.5})
     pair.cycles(300)
-    stood = pair.true()
+    position = pair.true()
     pair.cycles(500)
     assert pair.robot.session.state is State.GUIDING
-    assert pair.true() == pytest.approx(stood, abs=1e-6)
+    assert pair.true() == pytest.approx(position, abs=1e-6)
     assert pair.bridge.faults.first
     pair.bridge.end()
     newest = pair.bridge.newest
     assert newest is not None
     pair.bridge.begin(newest.pose, LIMITS, pair.now)  # another movement moves it again
     pair.bridge.aim(BELOW, pair.now)
-    assert pair.cycles(125).true()[2] < stood[2] - 2e-3
+    assert pair.cycles(125).true()[2] < position[2] - 2e-3
 
 
 @pytest.mark.parametrize("fault", ["program-restarted", "deaf"])
-def test_another_session_ends_the_movement_and_moves_nothing(fault: str) -> None:
+def test_egm_pair_new_session_ends_movement(fault: str) -> None:
     pair = Pair().moves_down()
     pair.ledger.inject(
         "wire" if fault == "deaf" else "robot", fault, pair.now, {"for_s": 1.5} if fault == "deaf" else {}
     )
     pair.cycles(500)
-    stood = pair.true()
+    position = pair.true()
     assert pair.cycles(1000).robot.session.state is State.GUIDING
-    assert pair.true() == pytest.approx(stood, abs=1e-6)
+    assert pair.true() == pytest.approx(position, abs=1e-6)
     assert not pair.bridge.moving
 
 
-def test_a_bridge_that_falls_silent_on_its_way_leaves_the_tool_within_the_speed_over_the_gain() -> None:
+def test_egm_pair_silent_client_stops_within_speed_over_gain() -> None:
     pair = Pair().moves_down()
     last = pair.bridge._setpoint
     assert last is not None
@@ -139,7 +139,7 @@ def test_a_bridge_that_falls_silent_on_its_way_leaves_the_tool_within_the_speed_
     assert 0.0 < last.position[2] - pair.true()[2] <= 0.02 / 5.0 + 1e-4
 
 
-def test_a_bridge_that_ends_its_movement_and_is_gone_leaves_the_tool_at_the_last_reference() -> None:
+def test_egm_pair_stays_at_reference_after_client_ends() -> None:
     pair = Pair().moves_down()
     last = pair.bridge._setpoint
     assert last is not None
@@ -149,43 +149,43 @@ def test_a_bridge_that_ends_its_movement_and_is_gone_leaves_the_tool_at_the_last
     assert pair.true() == pytest.approx(last.position, abs=1e-4)
 
 
-@pytest.mark.parametrize("way", ["twice", "in pairs", "late"])
-def test_the_queue_of_the_controller_stays_short_whatever_the_network_does(way: str) -> None:
-    """One answer too many would stay in it, and delay all that follow."""
+@pytest.mark.parametrize("disturbance", ["twice", "in pairs", "late"])
+def test_egm_pair_queue_stays_short_on_bad_network(disturbance: str) -> None:
+    """A surplus answer would stay in the queue, and delay all that follow."""
     kept: list[bytes] = []
 
     def network(data: list[bytes]) -> list[bytes]:
-        if way == "twice":
+        if disturbance == "twice":
             return data * 2
         kept.extend(data)
-        if way == "in pairs" and len(kept) < 2:
+        if disturbance == "in pairs" and len(kept) < 2:
             return []
-        if way == "late" and len(kept) < 3:
+        if disturbance == "late" and len(kept) < 3:
             return []
-        out = kept[:] if way == "in pairs" else [kept[0]]
-        del kept[: len(out)]
-        return out
+        delivered = kept[:] if disturbance == "in pairs" else [kept[0]]
+        del kept[: len(delivered)]
+        return delivered
 
     pair = Pair().cycles(10).cycles(500, network)
     assert max(pair.queued) <= 1
 
 
 @pytest.mark.parametrize(
-    ("fault", "given"),
+    ("fault", "parameters"),
     [
         ("lost", {"probability": 0.1}),
         ("twice", {"probability": 0.3, "way": "from"}),
         ("late", {"ms": 10.0}),
     ],
 )
-def test_a_bad_network_bends_the_way_but_does_not_break_it(fault: str, given: dict[str, Any]) -> None:
+def test_egm_pair_bad_network_only_distorts_path(fault: str, parameters: dict[str, Any]) -> None:
     good, bad = Pair(), Pair()
-    bad.ledger.inject("wire", fault, T0, given)
+    bad.ledger.inject("wire", fault, T0, parameters)
     heights = [pair.moves_down().true()[2] for pair in (good, bad)]
     assert heights[1] == pytest.approx(heights[0], abs=1.5e-3)
 
 
-def test_answers_that_a_network_doubles_fill_the_queue_and_delay_all_that_follow() -> None:
+def test_egm_pair_duplicated_answers_fill_queue() -> None:
     """The controller takes one a cycle: 64 messages are a quarter of a second."""
     good, bad = Pair().moves_down(), Pair()
     bad.ledger.inject("wire", "twice", T0, {"probability": 1.0, "way": "to"})
@@ -194,7 +194,7 @@ def test_answers_that_a_network_doubles_fill_the_queue_and_delay_all_that_follow
     assert bad.true()[2] - good.true()[2] == pytest.approx(0.02 * 64 * CYCLE, abs=5e-4)
 
 
-def test_feed_forward_takes_the_lag_of_the_gain_away() -> None:
+def test_egm_pair_feed_forward_removes_lag() -> None:
     behind = [
         0.6 - 0.02 * 0.5 - Pair(client).moves_down().true()[2]
         for client in (EgmClient(CYCLE), EgmClient(CYCLE, feed_forward=False))
@@ -203,7 +203,7 @@ def test_feed_forward_takes_the_lag_of_the_gain_away() -> None:
     assert -behind[1] > 0.003
 
 
-def test_reports_tell_the_measured_pose_of_their_moment() -> None:
+def test_egm_pair_reports_contain_current_measured_pose() -> None:
     pair = Pair().moves_down()
     pair.bridge.receive(list(pair.robot.endpoint.data_to_send(pair.now)), pair.now)
     newest = pair.bridge.newest
@@ -211,10 +211,10 @@ def test_reports_tell_the_measured_pose_of_their_moment() -> None:
     assert newest.pose.position == pytest.approx(pair.true(), abs=1e-12)
 
 
-def test_a_stranger_on_the_port_neither_moves_the_robot_nor_stops_it() -> None:
-    """It sends what a robot with its motors off would send, and noise; it hears nothing."""
+def test_egm_pair_ignores_strangers() -> None:
+    """The stranger sends packets of a robot with its motors off, and noise; it receives nothing."""
     notices: list[str] = []
-    heard: list[Any] = []
+    received: list[Any] = []
 
     class Log(NullLog):
         def notice(self, kind: str, text: str) -> None:
@@ -224,7 +224,7 @@ def test_a_stranger_on_the_port_neither_moves_the_robot_nor_stops_it() -> None:
         clock, settings = Clock.running(), KindSettings(EgmSettings(), EgmProfile())
         async with AsyncExitStack() as stack:
             robot = EgmController(settings.emulated, StartPose(*START, tool_length=0.2), clock.now(), 7)
-            serving = Serving(clock, stack, heard.append, notices.append)
+            serving = Serving(clock, stack, received.append, notices.append)
             assert ROBOT.emulation is not None
             address = await ROBOT.emulation.serve("udp+memory:egm", robot, settings, serving)
             link = await ROBOT.connect(address, settings, Wiring("robot", clock, Log()))
@@ -234,7 +234,7 @@ def test_a_stranger_on_the_port_neither_moves_the_robot_nor_stops_it() -> None:
             assert report.pose.position == pytest.approx(START.position)
             stranger = await connect_datagrams(address, clock)
             stack.push_async_callback(stranger.aclose)
-            stranger.start(heard.append, lambda end: None)
+            stranger.start(received.append, lambda end: None)
             hostile = [encode_robot(RobotMessage(9, 9), RobotWare.RW7), b"", b"\xff" * 60_000]
             async with link.motion(LIMITS) as motion:
                 await motion.to(Pose((0.9, -0.1, 0.599), DOWN))
@@ -248,6 +248,6 @@ def test_a_stranger_on_the_port_neither_moves_the_robot_nor_stops_it() -> None:
             assert report.pose.position == pytest.approx((0.9, -0.1, 0.599), abs=1e-5)
 
     run_virtual(main)
-    assert heard == []
+    assert received == []
     assert [text for text in notices if "are refused" not in text] == []
     assert notices

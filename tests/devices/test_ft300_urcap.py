@@ -1,4 +1,4 @@
-"""The port of an emulated URCap: how many clients it serves, its URLs, and what a run and a probe make of its texts."""
+"""The port of an emulated URCap: number of clients, URLs, and its use in a run and a probe."""
 
 import asyncio
 from typing import Any
@@ -21,7 +21,7 @@ MEMORY = "ft300-urcap+memory:urcap"
 
 
 class Listener:
-    """A client that keeps all that it is sent."""
+    """Client that stores all received data."""
 
     def __init__(self, wire: Any) -> None:
         self.raw = b""
@@ -32,7 +32,7 @@ class Listener:
         self.raw += data
 
     def take(self) -> list[bytes]:
-        """The texts since the last call."""
+        """Return the texts since the last call."""
         raw, self.raw = self.raw, b""
         return split_texts(raw)
 
@@ -42,7 +42,7 @@ def config_of(**urcap: Any) -> Any:
 
 
 async def two_clients(clients: int, port: str) -> list[int]:
-    """Texts of a first and a second client in half a second, and of the second once the first has left."""
+    """Return texts of two clients in half a second, and of the second after the first has left."""
     clock, counts = Clock.running(), []
     async with emulated_cell(
         Setup(config_of(urcap_clients=clients), Listen(None, port)), clock, print
@@ -51,26 +51,26 @@ async def two_clients(clients: int, port: str) -> list[int]:
         first = Listener(await connect_bytes(served.sensor.url, clock))
         second = Listener(await connect_bytes(served.sensor.url, clock))
         await asyncio.sleep(0.5)
-        before, beside = first.take(), second.take()
-        assert set(beside) <= set(before)
+        before, waiting = first.take(), second.take()
+        assert set(waiting) <= set(before)
         await first.aclose()
         await asyncio.sleep(0.5)
         after = second.take()
         assert len(TextReader().feed(b"".join(after))) == len(after)
-        counts += [len(before), len(beside), len(after)]
+        counts += [len(before), len(waiting), len(after)]
         await second.aclose()
     return counts
 
 
-@pytest.mark.parametrize(("clients", "beside"), [(1, 0), (2, 48)])
-def test_urcap_serves_so_many_clients_and_lets_others_wait(clients: int, beside: int) -> None:
+@pytest.mark.parametrize(("clients", "second_count"), [(1, 0), (2, 48)])
+def test_urcap_limits_clients_and_lets_others_wait(clients: int, second_count: int) -> None:
     counts: list[int] = []
 
     async def main() -> None:
         counts.extend(await two_clients(clients, MEMORY))
 
     run_virtual(main)
-    assert counts == [pytest.approx(48, abs=2), pytest.approx(beside, abs=2), pytest.approx(49, abs=2)]
+    assert counts == [pytest.approx(48, abs=2), pytest.approx(second_count, abs=2), pytest.approx(49, abs=2)]
 
 
 def test_urcap_serves_two_clients_over_tcp() -> None:
@@ -100,18 +100,18 @@ def test_second_client_fails_with_advice() -> None:
     run_virtual(main)
 
 
-def test_probe_shows_a_sensor_behind_its_urcap() -> None:
-    said: list[str] = []
+def test_probe_of_urcap_shows_sensor() -> None:
+    lines: list[str] = []
 
     async def main() -> None:
         clock, config = Clock.running(), config_of()
         async with emulated_cell(Setup(config, Listen(None, MEMORY)), clock, print):
-            session = Session(Screen(said.append, said.append), None, 1.0)
+            session = Session(Screen(lines.append, lines.append), None, 1.0)
             await probe(MEMORY, config, clock, session)
 
     run_virtual(main)
-    rows = {line.split()[0]: line for line in said}
-    assert "99 frames a second" in rows["stream"]
+    rows = {line.split()[0]: line for line in lines}
+    assert "99 frames per second" in rows["stream"]
     assert "Fz 300 N" in rows["full"]
     assert float(rows["wrench"].split("Fz ")[1].split()[0]) == pytest.approx(4.9, abs=0.3)
 
@@ -121,7 +121,7 @@ def parse(kind: str, url: str) -> str:
     return room.parse(url, default_settings(room)).text
 
 
-def test_port_of_a_urcap_is_refused_on_the_serial_kind_with_the_url_to_write() -> None:
+def test_urcap_port_with_serial_kind_is_refused_with_hint() -> None:
     with pytest.raises(ConfigError, match=r"did you mean ft300-urcap\+tcp://10\.0\.0\.1:63351\?"):
         parse("ft300", "tcp://10.0.0.1:63351")
     assert parse("ft300-urcap", "tcp://10.0.0.1:63351") == "tcp://10.0.0.1:63351"

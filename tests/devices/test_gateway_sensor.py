@@ -1,4 +1,4 @@
-"""The client of a sensor against gateways that misbehave, in virtual time; their answers are scripted."""
+"""Sensor client with misbehaving gateways whose answers are scripted, in virtual time."""
 
 from collections.abc import Awaitable, Callable, Mapping
 
@@ -13,28 +13,28 @@ from protocol.devices.jr3.firmware import HANGS
 from tests.runs.kept_notices import Notices
 
 SCALES = {"481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
-"""Answers to the questions for full scales: 115 111 185 N, 5.6 5.2 6.1 N·m."""
+"""Answers to requests for full scales: 115 111 185 N, 5.6 5.2 6.1 N·m."""
 
 Script = Callable[[ForceSensor, Clock, Callable[[str], None]], Awaitable[None]]
 
 
 def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#00") -> list[tuple[str, str]]:
-    """Run a script with a sensor whose gateway answers frames as told; what the sensor told the record."""
+    """Run a script with a sensor whose gateway has these answers; return the recorded notices."""
     log = Notices()
 
     async def main() -> None:
         clock = Clock.running()
         bus = (await listen_can("can+memory:jr3", clock)).transport
 
-        def say(text: str) -> None:
+        def send_frame(text: str) -> None:
             if text:
                 bus.send([parse_frame(text)])
 
-        def heard(frames: Frames) -> None:
+        def answer_frames(frames: Frames) -> None:
             for frame in frames:
-                say(answers.get(str(frame), default))
+                send_frame(answers.get(str(frame), default))
 
-        bus.start(heard, lambda cause: None)
+        bus.start(answer_frames, lambda cause: None)
         wire = await connect_can("can+memory:jr3", clock)
         sensor = ForceSensor(
             wire,
@@ -44,7 +44,7 @@ def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#
         )
         sensor.start()
         try:
-            await script(sensor, clock, say)
+            await script(sensor, clock, send_frame)
         finally:
             await sensor.aclose()
             await bus.aclose()
@@ -53,11 +53,11 @@ def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#
     return log.notices
 
 
-def test_a_sensor_tells_its_full_scales_and_scales_counts_by_them() -> None:
-    async def script(sensor: ForceSensor, clock: Clock, say: Callable[[str], None]) -> None:
+def test_gateway_sensor_scales_counts_by_full_scales() -> None:
+    async def script(sensor: ForceSensor, clock: Clock, send_frame: Callable[[str], None]) -> None:
         assert (await sensor.ready()).full_scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
-        say("601#0020000000C00100")
-        say("681#0040000000000100")
+        send_frame("601#0020000000C00100")
+        send_frame("681#0040000000000100")
         await clock.sleep_until(clock.now() + 0.01)
         assert sensor.newest is not None
         assert sensor.wrench(sensor.newest) == (57.5, 0.0, -185.0, 5.6, 0.0, 0.0)
@@ -73,8 +73,8 @@ def test_a_sensor_tells_its_full_scales_and_scales_counts_by_them() -> None:
         ("501#", "101#00000034003D00", "full scale of mx is 0; calibration not read?"),
     ],
 )
-def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, message: str) -> None:
-    async def script(sensor: ForceSensor, clock: Clock, say: Callable[[str], None]) -> None:
+def test_gateway_sensor_zero_full_scale_is_refused(question: str, answer: str, message: str) -> None:
+    async def script(sensor: ForceSensor, clock: Clock, send_frame: Callable[[str], None]) -> None:
         with pytest.raises(DeviceError, match="force sensor on ") as caught:
             await sensor.ready()
         assert f"force sensor on can+memory:jr3: gateway node 1: {message}" == str(caught.value)
@@ -89,13 +89,13 @@ def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, mes
 @pytest.mark.parametrize(
     ("default", "message"),
     [
-        ("", "silent: nothing of a gateway on the bus in 10 s; power, bit rate, wiring? " + HANGS),
-        ("102#00", "silent for 10 s while others are on the bus; wrong node number?"),
-        ("101#01", "acknowledges but not ready after 10 s; sensor unplugged?"),
+        ("", "silent: no frame of a gateway on the bus for 10 s; power, bit rate, wiring? " + HANGS),
+        ("102#00", "silent for 10 s while other nodes are on the bus; wrong node number?"),
+        ("101#01", "acknowledges but is not ready after 10 s; sensor unplugged?"),
     ],
 )
-def test_a_gateway_that_does_not_come_up_says_what_to_look_at(default: str, message: str) -> None:
-    async def script(sensor: ForceSensor, clock: Clock, say: Callable[[str], None]) -> None:
+def test_gateway_sensor_silent_reports_remedy(default: str, message: str) -> None:
+    async def script(sensor: ForceSensor, clock: Clock, send_frame: Callable[[str], None]) -> None:
         began = clock.now()
         with pytest.raises(DeviceError) as caught:
             await sensor.ready()
@@ -105,10 +105,10 @@ def test_a_gateway_that_does_not_come_up_says_what_to_look_at(default: str, mess
     with_sensor(script, {}, default)
 
 
-def test_a_reboot_while_running_ends_the_sensor() -> None:
-    async def script(sensor: ForceSensor, clock: Clock, say: Callable[[str], None]) -> None:
+def test_gateway_sensor_reboot_ends_stream() -> None:
+    async def script(sensor: ForceSensor, clock: Clock, send_frame: Callable[[str], None]) -> None:
         await sensor.ready()
-        say("701#")
+        send_frame("701#")
         await clock.sleep_until(clock.now() + 0.01)
         with pytest.raises(DeviceError, match="restarted in mid-run; its zero is lost"):
             sensor.check()
@@ -116,8 +116,8 @@ def test_a_reboot_while_running_ends_the_sensor() -> None:
     with_sensor(script, SCALES)
 
 
-def test_closing_does_not_wait_for_a_gateway_that_is_gone() -> None:
-    async def script(sensor: ForceSensor, clock: Clock, say: Callable[[str], None]) -> None:
+def test_gateway_sensor_close_ignores_lost_gateway() -> None:
+    async def script(sensor: ForceSensor, clock: Clock, send_frame: Callable[[str], None]) -> None:
         began = clock.now()
         await sensor.aclose()
         assert clock.now() - began < 1.0

@@ -1,4 +1,4 @@
-"""Kinds of devices: ours and those of a plug-in, by name and by URL, from the configuration to the record."""
+"""Kinds of devices, built-in and of a plug-in, by name and by URL, from the configuration to the recording."""
 
 import dataclasses
 import json
@@ -31,7 +31,7 @@ from tests.near_surface import CLOSE_TOML
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TOYS = {"toy-robot": "toy_robot", "toy-sensor": "toy_sensor", "toy-surface": "toy_surface"}
-"""Packages among the examples, and their modules."""
+"""Packages of the examples, and their modules."""
 POINTS = """
 [hil_bridge.robots]
 toyarm = toy_robot.room:ROBOT
@@ -43,19 +43,19 @@ toyspring = toy_surface.surface:SURFACE
 NAMES = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring")
 
 
-def installed(place: Path, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    info = place / "toys-1.0.dist-info"
+def installed(site_folder: Path, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = site_folder / "toys-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toys\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(points)
-    monkeypatch.syspath_prepend(str(place))
+    monkeypatch.syspath_prepend(str(site_folder))
     for folder in TOYS:
         monkeypatch.syspath_prepend(str(EXAMPLES / folder))
 
 
 @pytest.fixture
 def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The toys as one package, as it is found when its wheel is installed."""
+    """Provide the toys as one package, as if its wheel were installed."""
     installed(tmp_path, POINTS, monkeypatch)
     yield
     for name in [name for name in sys.modules if name.split(".")[0] in TOYS.values()]:
@@ -89,13 +89,13 @@ def refusal(*arguments: str) -> str:
         ("ft300-urcap+tcp://10.0.0.1:63351", "ft300-urcap", "tcp://10.0.0.1:63351"),
     ],
 )
-def test_a_sensors_url_names_its_kind(url: str, kind: str, wire: str) -> None:
-    found, rest = sensor_of(url)
-    assert (found.name, rest) == (kind, wire)
+def test_sensor_url_selects_kind(url: str, kind: str, wire: str) -> None:
+    selected, rest = sensor_of(url)
+    assert (selected.name, rest) == (kind, wire)
 
 
 @pytest.mark.parametrize(
-    ("url", "meant"),
+    ("url", "suggestion"),
     [
         ("serial:///dev/ttyUSB0?parity=E", "s3+serial:///dev/ttyUSB0?parity=E"),
         ("tcp://10.0.0.1:4000", "rtde+tcp://10.0.0.1:4000 or s3+tcp://10.0.0.1:4000"),
@@ -103,15 +103,15 @@ def test_a_sensors_url_names_its_kind(url: str, kind: str, wire: str) -> None:
         ("udp-bind://0.0.0.0:6510", "egm+udp-bind://0.0.0.0:6510 or rsi+udp-bind://0.0.0.0:6510"),
     ],
 )
-def test_a_robots_url_without_a_kind_is_answered_with_the_url_to_write(url: str, meant: str) -> None:
+def test_robot_url_without_kind_suggests_url(url: str, suggestion: str) -> None:
     with pytest.raises(ConfigError) as refused:
         robot_of(url)
-    assert str(refused.value) == f"{url!r} names no kind of robot; did you mean {meant}?"
-    assert {robot_of(one)[1] for one in meant.split(" or ")} == {url}
+    assert str(refused.value) == f"{url!r} names no kind of robot; did you mean {suggestion}?"
+    assert {robot_of(one)[1] for one in suggestion.split(" or ")} == {url}
 
 
 @pytest.mark.parametrize(
-    ("url", "meant"),
+    ("url", "suggestion"),
     [
         ("can+socketcan://can0", "ati-can+can+socketcan://can0 or jr3+can+socketcan://can0"),
         (
@@ -130,34 +130,34 @@ def test_a_robots_url_without_a_kind_is_answered_with_the_url_to_write(url: str,
         ("udp://10.0.0.1:49152", "netft+udp://10.0.0.1:49152"),
     ],
 )
-def test_a_sensors_url_without_a_kind_is_answered_with_the_url_to_write(url: str, meant: str) -> None:
+def test_sensor_url_without_kind_suggests_url(url: str, suggestion: str) -> None:
     with pytest.raises(ConfigError) as refused:
         sensor_of(url)
-    assert str(refused.value) == f"{url!r} names no kind of sensor; did you mean {meant}?"
+    assert str(refused.value) == f"{url!r} names no kind of sensor; did you mean {suggestion}?"
 
 
-def test_a_byte_wire_of_a_can_gateway_is_answered_with_its_receivers() -> None:
+def test_can_gateway_on_byte_wire_suggests_receivers() -> None:
     with pytest.raises(
         ConfigError, match=r"did you mean jr3-board\+tcp://10\.0\.0\.1:1762 for a receiver board"
     ):
         SENSORS.kind("jr3").parse("tcp://10.0.0.1:1762", default_settings(SENSORS.kind("jr3")))
 
 
-@pytest.mark.parametrize(("find", "thing"), [(robot_of, "robot"), (sensor_of, "sensor")])
-def test_a_url_of_no_kind_at_all_is_refused_with_the_kinds(find: Any, thing: str) -> None:
-    with pytest.raises(ConfigError, match=f"there is no {thing} 'kuka'; choose one of "):
+@pytest.mark.parametrize(("find", "device"), [(robot_of, "robot"), (sensor_of, "sensor")])
+def test_url_of_unknown_kind_lists_kinds(find: Any, device: str) -> None:
+    with pytest.raises(ConfigError, match=f"there is no {device} 'kuka'; choose one of "):
         find("kuka+tcp://10.0.0.1:4000")
     with pytest.raises(ConfigError, match=r"it names no kind; choose one of .*, as in KIND\+WIRE"):
         find("foo:bar")
 
 
-def test_an_unknown_kind_to_emulate_is_refused() -> None:
+def test_emulated_unknown_kind_is_refused() -> None:
     for section, name in (("robot", "kuka"), ("sensor", "usb"), ("sensor", "gateway")):
         with pytest.raises(ValueError, match=f"there is no {section} '{name}'"):
             read_config({section: {"emulated": name}})
 
 
-def test_the_usual_devices_are_those_of_a_file_that_names_none(tmp_path: Path) -> None:
+def test_default_devices_are_used_for_file_without_any(tmp_path: Path) -> None:
     usual = run("run", "--virtual", "--duration", "1", "--no-view", "--record", str(tmp_path / "a.mcap"))
     config = tmp_path / "c.toml"
     config.write_text('[robot]\nemulated = "s3"\n[sensor]\nemulated = "jr3"\n')
@@ -174,7 +174,7 @@ def test_the_usual_devices_are_those_of_a_file_that_names_none(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("toys")
-def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) -> None:
+def test_toy_devices_hold_force_and_record_facts(tmp_path: Path) -> None:
     record, near = str(tmp_path / "toys.mcap"), tmp_path / "near.toml"
     near.write_text(CLOSE_TOML)
     run(
@@ -205,7 +205,7 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
 
 
 def quick(**sections: dict[str, Any]) -> Config:
-    """A configuration with the toys' arm, whose cycle is 4 ms, as a run gets it."""
+    """Return a configuration with the toy arm, whose cycle is 4 ms, as for a run."""
     return Setup(
         read_config({**sections, "robot": {"emulated": "toyarm"}, "sensor": {"emulated": "toyload"}})
     ).config
@@ -216,9 +216,7 @@ def quick(**sections: dict[str, Any]) -> Config:
     ("controller", "period_ms", "sample_ms"),
     [("predictive", 0.0, 4.0), ("pi", 0.0, 4.0), ("admittance", 0.0, 4.0), ("fuzzy", 180.0, 180.0)],
 )
-def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
-    controller: str, period_ms: float, sample_ms: float
-) -> None:
+def test_controller_runs_at_tuned_sample_time(controller: str, period_ms: float, sample_ms: float) -> None:
     config = quick(controller={"name": controller})
     assert (config.run.period_ms, config.controller.sample_ms) == (period_ms, sample_ms)
     assert Setup(config).loop
@@ -228,22 +226,22 @@ def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
     ("sensor", "period_ms"),
     [("netft", 0.0), ("jr3", 12.0), ("jr3-uart", 12.0), ("ft300", 12.0), ("ft300-urcap", 12.0)],
 )
-def test_no_decision_is_taken_without_a_new_force(sensor: str, period_ms: float) -> None:
-    """A robot with a cycle of 4 ms waits for a sensor that tells a force every 10 ms."""
+def test_controller_waits_for_new_force(sensor: str, period_ms: float) -> None:
+    """A robot with a cycle of 4 ms waits for a sensor with a period of 10 ms."""
     config = Setup(read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": sensor}})).config
     assert config.run.period_ms == period_ms
     assert Setup(config).loop
 
 
-def test_a_robot_that_tells_no_cycle_time_needs_a_period() -> None:
+def test_robot_without_cycle_time_needs_period() -> None:
     config = read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": "netft"}})
     robot = replace(Setup(config).facts, cycle_s=None, line_floor_s=None)
-    with pytest.raises(ConfigError, match=r"tells no cycle time of its own: set run\.period_ms"):
+    with pytest.raises(ConfigError, match=r"reports no cycle time of its own: set run\.period_ms"):
         Setup(config).loop_for(robot)
 
 
 @pytest.mark.usefixtures("toys")
-def test_a_configuration_has_the_last_word_on_pace_and_parameters() -> None:
+def test_configuration_overrides_tuning() -> None:
     parameters = quick(controller={"name": "pi", "parameters": {"integral": 0.5}}).controller.parameters
     assert (parameters["integral"], parameters["proportional"]) == (0.5, 0.0)
     assert quick(run={"period_ms": 12.0}, controller={"name": "pi"}).controller.sample_ms == 12.0
@@ -252,15 +250,15 @@ def test_a_configuration_has_the_last_word_on_pace_and_parameters() -> None:
 
 
 @pytest.mark.usefixtures("toys")
-def test_a_period_that_no_tuning_fits_is_refused(tmp_path: Path) -> None:
+def test_period_without_tuning_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text("[run]\nperiod_ms = 50\n")
-    told = refusal("run", str(file), "--virtual", "--no-view", "--no-record", *NAMES)
-    assert "controller.sample_ms = 50" in told
+    message = refusal("run", str(file), "--virtual", "--no-view", "--no-record", *NAMES)
+    assert "controller.sample_ms = 50" in message
 
 
 @pytest.mark.usefixtures("toys")
-def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> None:
+def test_kind_settings_are_in_sections_of_its_name(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text(
         '[robot]\nemulated = "toyarm"\n[cell]\nsurface_kind = "toyspring"\n'
@@ -274,32 +272,32 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
         load_config(file, {})
     file.write_text("[cell.toyspring]\nstiffness_n_m = 7\n")
     with pytest.raises(
-        ConfigError, match=r"stiffness_n_m is no setting; the unit is part of the name: stiff"
+        ConfigError, match=r"stiffness_n_m is not a setting; the unit is part of the name: stiff"
     ):
         load_config(file, {})
     file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "cable"\nfault = "cut"\n')
-    with pytest.raises(ConfigError, match=r"no target is called 'cable'; known: robot, signal"):
+    with pytest.raises(ConfigError, match=r"unknown target 'cable'; known: robot, signal"):
         load_config(file, {})
 
 
-def test_sections_of_a_kind_that_is_not_installed_are_no_settings(tmp_path: Path) -> None:
+def test_kind_not_installed_has_no_sections(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text("[cell.toyarm]\nspeed_mm_s = 90\n")
-    with pytest.raises(ConfigError, match=r"cell\.toyarm is no setting"):
+    with pytest.raises(ConfigError, match=r"cell\.toyarm is not a setting"):
         load_config(file, {})
 
 
-def test_an_option_without_a_colon_is_the_name_of_a_kind() -> None:
-    told = refusal("run", "--virtual", "--robot", "toyarm")
-    assert told == f"--robot: there is no robot 'toyarm'; choose one of {', '.join(ROBOTS.names)}"
+def test_device_option_without_colon_is_kind() -> None:
+    message = refusal("run", "--virtual", "--robot", "toyarm")
+    assert message == f"--robot: there is no robot 'toyarm'; choose one of {', '.join(ROBOTS.names)}"
 
 
 @pytest.mark.parametrize("groups", [(), ("hil_bridge.robots",)])
 def test_kind_outdated_installation_names_remedy(
     monkeypatch: pytest.MonkeyPatch, groups: tuple[str, ...]
 ) -> None:
-    kept = [point for point in offered() if point.group in groups and point.name != "s3"]
-    monkeypatch.setattr("hil_bridge.errors.plugins.offered", lambda: EntryPoints(kept))
+    points_kept = [point for point in offered() if point.group in groups and point.name != "s3"]
+    monkeypatch.setattr("hil_bridge.errors.plugins.offered", lambda: EntryPoints(points_kept))
     for choose in (partial(ROBOTS.kind, "s3"), partial(robot_of, "s3+serial:///dev/ttyUSB0")):
         with pytest.raises(
             ConfigError, match=r"robot 's3' is not installed; install hil-bridge again: pip install"
@@ -308,22 +306,22 @@ def test_kind_outdated_installation_names_remedy(
 
 
 @pytest.mark.parametrize(
-    ("point", "words"),
+    ("point", "expected"),
     [
         ("toy_sensor.room:SENSOR", "toy_sensor.room:SENSOR must be a RobotKind with that name"),
         ("toy_robot.room:NOTHING", "cannot be loaded: AttributeError"),
         ("toy_robot.nowhere:ROBOT", "cannot be loaded: the module toy_robot.nowhere is missing"),
     ],
 )
-def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, point: str, words: str
+def test_kind_of_broken_package_names_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, point: str, expected: str
 ) -> None:
     installed(tmp_path, f"[hil_bridge.robots]\ntoyarm = {point}\n", monkeypatch)
     assert "toyarm" in ROBOTS.names
-    load_config(None, {})  # a package that is not chosen disturbs nothing
-    told = refusal("run", "--virtual", "--robot", "toyarm")
-    assert "robot 'toyarm' of toys 1.0" in told
-    assert words in told
+    load_config(None, {})  # a package that is not selected has no effect
+    message = refusal("run", "--virtual", "--robot", "toyarm")
+    assert "robot 'toyarm' of toys 1.0" in message
+    assert expected in message
 
 
 CAN_ROOM = """
@@ -334,9 +332,7 @@ WITHOUT_BUS = replace(SENSOR, name="theirserial", bus=None)
 """
 
 
-def test_a_can_sensor_of_others_has_the_faults_of_its_bus(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plugin_can_sensor_has_bus_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = "[hil_bridge.sensors]\ntheircan = their_room:SENSOR\ntheirserial = their_room:WITHOUT_BUS\n"
     (tmp_path / "their_room.py").write_text(CAN_ROOM)
     installed(tmp_path, points, monkeypatch)
@@ -348,7 +344,7 @@ def test_a_can_sensor_of_others_has_the_faults_of_its_bus(
 
 
 @pytest.mark.usefixtures("toys")
-def test_clients_of_a_robot_of_others_are_judged_and_its_panel_has_its_faults() -> None:
+def test_plugin_robot_supports_conform_and_panel_faults() -> None:
     trial = make_trial(cell_of("toyarm", None), Rules(), ["true"])
     assert list(trial.scenarios) == ["nominal", "refused", "stopped", "emergency"]
     emulation = ROBOTS.kind("toyarm").emulation
@@ -358,27 +354,27 @@ def test_clients_of_a_robot_of_others_are_judged_and_its_panel_has_its_faults() 
 
 
 @pytest.mark.usefixtures("toys")
-def test_a_robot_whose_clients_cannot_be_judged_says_where_to_look(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_robot_without_conform_support_reports_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = ROBOTS.kind("toyarm")
     assert kind.emulation is not None
     mute = dataclasses.replace(kind, emulation=dataclasses.replace(kind.emulation, mishaps={}), probe=None)
     monkeypatch.setattr(type(ROBOTS), "kind", lambda self, name: mute)
-    told = refusal("conform", "toyarm", "--", "true")
-    assert told.startswith("toyarm: cannot test its clients, its RobotEmulation has no mishaps; ")
-    told = refusal("probe", "robot", "toyarm+udp://127.0.0.1:9")
-    assert told == "the kind toyarm has no probe; its package provides one as `probe` of its RobotKind"
+    message = refusal("conform", "toyarm", "--", "true")
+    assert message.startswith("toyarm: cannot test its clients, its RobotEmulation has no mishaps; ")
+    message = refusal("probe", "robot", "toyarm+udp://127.0.0.1:9")
+    assert message == "the kind toyarm has no probe; its package provides one as `probe` of its RobotKind"
 
 
 @pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
-def test_the_checks_before_a_run_know_its_pace(robot: str) -> None:
-    """`doctor` refuses no configuration that a run takes."""
+def test_checks_before_run_use_its_period(robot: str) -> None:
+    """`doctor` refuses no configuration that a run accepts."""
     config = read_config({"robot": {"emulated": robot}, "sensor": {"emulated": "netft"}})
     assert not list(problems(Setup(config), virtual=True))
 
 
-def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
-    told = run("list", "plugins")
-    assert [line.split()[:4] for line in told.splitlines()] == [
+def test_list_plugins_shows_package_and_summary(toys: None) -> None:
+    message = run("list", "plugins")
+    assert [line.split()[:4] for line in message.splitlines()] == [
         ["robot", "toyarm", "toys", "1.0"],
         ["sensor", "toyload", "toys", "1.0"],
         ["surface", "toyspring", "toys", "1.0"],
@@ -393,7 +389,7 @@ def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
     assert {row["state"] for row in rows} == {"ok"}
 
 
-def test_a_broken_plugin_is_listed_with_its_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_list_plugins_shows_fault_of_broken_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     installed(tmp_path, "[hil_bridge.robots]\nlost = toy_robot.nowhere:ROBOT\n", monkeypatch)
     result = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
     assert result.exit_code == 2
@@ -403,30 +399,30 @@ def test_a_broken_plugin_is_listed_with_its_fault(tmp_path: Path, monkeypatch: p
     )
 
 
-def test_controllers_tell_their_parameters() -> None:
-    told = run("list", "controllers", "predictive")
-    assert told.startswith("predictive: ")
-    assert "  made for a sample every 180 ms; hil-bridge" in told
-    assert "  at 4 ms: " in told
+def test_list_controllers_shows_parameters() -> None:
+    message = run("list", "controllers", "predictive")
+    assert message.startswith("predictive: ")
+    assert "  made for a sample every 180 ms; hil-bridge" in message
+    assert "  at 4 ms: " in message
     everything = json.loads(run("list", "controllers", "--json"))
     assert {one["name"] for one in everything} >= {"fuzzy", "pi", "admittance"}
     assert all(parameter["meaning"] for one in everything for parameter in one["parameters"])
     assert "there is no controller 'nothing'" in refusal("list", "controllers", "nothing")
 
 
-def test_a_kind_alone_lays_the_url_of_the_file_aside(tmp_path: Path) -> None:
+def test_device_option_with_kind_overrides_url_of_file(tmp_path: Path) -> None:
     file = tmp_path / "site.toml"
     file.write_text('[robot]\nurl = "rtde+tcp://192.0.2.1"\n[sensor]\nurl = "netft+udp://192.0.2.2"\n')
     config = load_config(file, device_settings("egm", None, None))
     assert (config.robot.url, config.robot.emulated) == ("", "egm")
-    assert config.sensor.url == "netft+udp://192.0.2.2", "of the sensor nothing was said"
+    assert config.sensor.url == "netft+udp://192.0.2.2", "the command line names no sensor"
 
 
 @pytest.mark.parametrize(
-    ("said", "meant"),
+    ("option", "suggestion"),
     [("/dev/ttyUSB0", "s3+serial:///dev/ttyUSB0"), ("192.0.2.1", "rtde+tcp://192.0.2.1")],
 )
-def test_a_port_or_an_address_is_answered_with_the_url_to_write(said: str, meant: str) -> None:
-    assert device_settings(said, None, None)["robot.url"] == said
-    with pytest.raises(ConfigError, match=re.escape(meant)):
-        robot_of(said)
+def test_port_or_address_alone_suggests_url(option: str, suggestion: str) -> None:
+    assert device_settings(option, None, None)["robot.url"] == option
+    with pytest.raises(ConfigError, match=re.escape(suggestion)):
+        robot_of(option)

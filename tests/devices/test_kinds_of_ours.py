@@ -1,4 +1,4 @@
-"""All our kinds of devices have faults, targets, scenarios, marks, and a place in the help."""
+"""All built-in kinds have faults, targets, scenarios, marks and an entry in the help."""
 
 import dataclasses
 import re
@@ -24,13 +24,13 @@ from protocol.marks import Mark
 from tools.faults_doc import ROBOT_NAMES, SENSOR_NAMES, faults_of_device
 
 
-def test_the_receivers_of_a_jr3_share_their_sections() -> None:
+def test_jr3_receivers_share_sections() -> None:
     config = read_config({"sensor": {"emulated": "jr3-uart", "jr3": {"uart": {"period_ms": 2.0}}}})
     assert settings_of(config, UART_GATEWAY).client.uart.period_ms == 2.0
     assert settings_of(config, CAN_GATEWAY).client is settings_of(config, UART_GATEWAY).client
 
 
-def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
+def test_jr3_receiver_has_declared_faults() -> None:
     faults = {
         name: set(EmulatedKinds.named("s3", name).faults["sensor"])
         for name in ("jr3", "jr3-uart", "jr3-board")
@@ -43,8 +43,8 @@ def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in (*ROBOT_NAMES, *SENSOR_NAMES) if name != "jr3-board"])
-def test_every_device_of_ours_has_every_fault_of_a_wire(name: str) -> None:
-    """But for the receiver board: its registers are read, and no frames come."""
+def test_built_in_devices_have_all_wire_faults(name: str) -> None:
+    """The receiver board is an exception: its registers are read, and no frames arrive."""
     faults = faults_of_device(name)[WIRE if name in ROBOT_NAMES else SENSOR_WIRE]
     line = name in ("s3", "jr3-uart", "ft300")
     assert {*faults} >= {*(BYTES if line else DATAGRAMS).faults}
@@ -52,7 +52,7 @@ def test_every_device_of_ours_has_every_fault_of_a_wire(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_every_robot_of_ours_has_every_fault_of_a_pose_that_it_can_tell(name: str) -> None:
+def test_built_in_robots_have_all_pose_faults(name: str) -> None:
     without = {"s3": {"nan", "missing"}, "rtde": {"missing"}}.get(name, set())
     faults = faults_of_device(name)["pose"]
     assert {*POSE_FAULTS} - {*faults} == without
@@ -61,7 +61,7 @@ def test_every_robot_of_ours_has_every_fault_of_a_pose_that_it_can_tell(name: st
 
 
 @pytest.mark.parametrize("name", [*ROBOT_NAMES, *SENSOR_NAMES])
-def test_the_targets_are_the_same_for_every_device(name: str) -> None:
+def test_fault_targets_are_same_for_all_devices(name: str) -> None:
     own = (
         {"robot", "pose", WIRE, "program-wire", "witness"}
         if name in ROBOT_NAMES
@@ -71,7 +71,7 @@ def test_the_targets_are_the_same_for_every_device(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> None:
+def test_built_in_robots_support_all_conform_scenarios(name: str) -> None:
     config = load_config(None, {"robot.emulated": name})
     trial = RobotTrial(config, "", Rules(), lambda: pytest.fail("no client is tried"))
     assert [*trial.mishaps] == [*SCENARIOS]
@@ -79,14 +79,14 @@ def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> No
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_the_marks_of_a_servo_have_the_names_of_its_numbers(name: str) -> None:
+def test_servo_marks_match_its_fields(name: str) -> None:
     servo = Setup(load_config(None, {"robot.emulated": name})).facts.servo
     assert servo is not None
     assert {*servo.marks} == {key for key, value in asdict(servo).items() if key != "marks" and value}
     assert {*servo.marks.values()} <= {*map(str, Mark)}
 
 
-def test_a_real_robot_names_the_mark_of_each_number_of_its_servo() -> None:
+def test_real_robot_has_mark_of_each_servo_value() -> None:
     servo = ServoFacts(
         0.02, 0.02, 40.0, 1.0, marks={"transport_delay_s": "derived", "damping_ratio": "observed"}
     )
@@ -98,7 +98,7 @@ def test_a_real_robot_names_the_mark_of_each_number_of_its_servo() -> None:
     assert emulated.servo_source("transport_delay_s") == "as configured for the emulated robot"
 
 
-def test_a_sensor_whose_faults_would_hide_the_robot_s_is_refused() -> None:
+def test_sensor_with_conflicting_fault_target_is_refused() -> None:
     cell = EmulatedKinds.named("egm", "netft")
     emulation = cell.sensor.emulation
     assert emulation is not None
@@ -108,7 +108,7 @@ def test_a_sensor_whose_faults_would_hide_the_robot_s_is_refused() -> None:
         _ = cell._replace(sensor=sensor).faults
 
 
-def test_the_help_of_a_run_names_every_kind_of_ours() -> None:
+def test_run_help_names_every_built_in_kind() -> None:
     text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
     robots = text.partition("--robot URL")[2].partition("--sensor URL")[0].partition("emulated:")[2]
     sensors = text.partition("--sensor URL")[2].partition("--surface")[0].partition("emulated:")[2]

@@ -1,4 +1,4 @@
-"""The core without one of its devices: what needs no such device works, and the rest says what is missing."""
+"""The core without one of its devices: everything else works, and the rest names the missing package."""
 
 import json
 import os
@@ -33,7 +33,7 @@ CASES = {
     "ft300": ("--robot", "s3", "--sensor", "ft300"),
     "ati_can": ("--robot", "s3", "--sensor", "ati-can"),
 }
-"""A cell that needs the device, by the folder of the device."""
+"""Cell that needs the device, by the folder of the device."""
 CHILD = """
 import json, sys
 from click.testing import CliRunner
@@ -47,7 +47,7 @@ print(json.dumps(answers))
 """
 
 
-def without(device: str, tree: Path) -> None:
+def copy_without(device: str, tree: Path) -> None:
     """Copy the packages to a tree, without the folders and the entry points of a device."""
     for package in ("protocol", "emulators", "hil_bridge"):
         shutil.copytree(ROOT / package, tree / package)
@@ -63,7 +63,7 @@ def without(device: str, tree: Path) -> None:
 
 def run_commands(tree: Path, *commands: tuple[str, ...]) -> list[str]:
     """Return the error of each command of the packages in a tree, "" where there is none."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", CHILD, json.dumps(commands)],
         cwd=tree,
         env={**os.environ, "PYTHONPATH": str(tree)},
@@ -71,18 +71,18 @@ def run_commands(tree: Path, *commands: tuple[str, ...]) -> list[str]:
         text=True,
         check=True,
     )
-    answers: list[str] = json.loads(done.stdout.splitlines()[-1])
+    answers: list[str] = json.loads(process.stdout.splitlines()[-1])
     return answers
 
 
 @pytest.mark.parametrize("device", CASES)
-def test_core_without_a_device_opens_its_recording(device: str, tmp_path: Path) -> None:
+def test_core_without_device_opens_its_recording(device: str, tmp_path: Path) -> None:
     recordings = [str(tmp_path / name) for name in ("run.mcap", "again.mcap")]
     needs = (*RUN, *CASES[device])
     assert run_commands(ROOT, (*needs, "--record", recordings[0])) == [""]
     shutil.copy(*recordings)
     tree = tmp_path / "tree"
-    without(device, tree)
+    copy_without(device, tree)
     other = (
         "--robot",
         "egm" if device == "s3" else "s3",

@@ -1,4 +1,4 @@
-"""Files that a site writes: orders, and the programs of the emulated controller."""
+"""Files of a site: orders, and programs of the emulated controller."""
 
 import json
 from pathlib import Path
@@ -20,7 +20,7 @@ from protocol.devices.s3.arap import KNOWN
 from protocol.marks import Mark
 
 SITE = """\
-# what our controller knows beside the usual orders
+# orders of our controller in addition to the usual ones
 [read_register]
 function = 6
 meaning = "read a register"
@@ -29,7 +29,7 @@ suffixes = { 0 = "one register" }
 order = [{ name = "number", byte = 8, type = "u16" }]
 answer = [
     { name = "number", byte = 8, type = "u16" },
-    # a word of 0.1 V
+    # a register in units of 0.1 V
     { name = "value", byte = 10, type = "s16", scale = 0.1, unit = "V", mark = "assumed" },
 ]
 emulator = { memory = "register", key = ["number"], initial = { value = 1.5 } }
@@ -57,7 +57,7 @@ order = [{ name = "program", byte = 8, type = "u16" }, { name = "content", byte 
 """
 
 
-def test_a_file_defines_orders() -> None:
+def test_orders_file_defines_orders() -> None:
     book = parse_orders(SITE, 128)
     assert book.names[-3:] == ("read_register", "write_register", "send_program")
     read = book.named("read_register")
@@ -74,7 +74,7 @@ def test_a_file_defines_orders() -> None:
     assert parse_orders("", 128).names == KNOWN.names
 
 
-def test_the_example_in_the_readers_own_words_can_be_read() -> None:
+def test_orders_file_example_of_docstring_is_valid() -> None:
     lines = str(orders_file.__doc__).splitlines()
     example = "\n".join(line for line in lines if line.startswith("    "))
     read = parse_orders(example, 128).named("read_register")
@@ -99,7 +99,7 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             "function = 14",
             "function = 6",
-            ": write_register.function: 6 is the function of read_register",
+            ": write_register.function: 6 is already the function of read_register",
         ),
         (
             "function = 14",
@@ -114,7 +114,7 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
             ": write_register.function: must be a valid integer, got '14'",
         ),
         ("function = 14\n", "", ": write_register.function: is missing"),
-        ("[send_program]", "[read_status]", ": read_status: this name is that of an order"),
+        ("[send_program]", "[read_status]", ": read_status: this name belongs to an order"),
         (
             'name = "value"\nbyte = 10',
             'name = "value"\nbyte = 127',
@@ -134,14 +134,14 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             "answer_length = 8",
             "answer_length = 7",
-            ": write_register.answer_length: 7 is not between 8",
+            ": write_register.answer_length: 7 must be between 8",
         ),
         (
             "answer_length = 8",
             "lenght = 8",
             ": write_register.lenght: unknown entry; known: fun",
         ),
-        ("answer_length = 8", "order = 3", " is no TOML: "),
+        ("answer_length = 8", "order = 3", " is not valid TOML: "),
         (
             "initial = { value = 1.5 }",
             "initial = { value = 5000 }",
@@ -187,8 +187,8 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         ),
     ],
 )
-def test_what_is_wrong_is_named_with_file_and_entry(before: str, after: str, message: str) -> None:
-    assert SITE.count(before) == 1, f"{before!r} stands {SITE.count(before)} times in the sample"
+def test_orders_file_error_names_file_and_entry(before: str, after: str, message: str) -> None:
+    assert SITE.count(before) == 1, f"{before!r} occurs {SITE.count(before)} times in the sample"
     with pytest.raises(ConfigError) as caught:
         parse_orders(SITE.replace(before, after), 128, "site.toml")
     text = str(caught.value)
@@ -196,14 +196,14 @@ def test_what_is_wrong_is_named_with_file_and_entry(before: str, after: str, mes
     assert text.startswith(f"site.toml{message}")
 
 
-def test_an_order_that_is_no_table_is_named() -> None:
+def test_orders_file_entry_must_be_table() -> None:
     with pytest.raises(ConfigError, match=r"site\.toml: x: must be a table, got 3"):
         parse_orders("# nothing\nx = 3", 128, "site.toml")
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+def test_orders_file_unreadable_is_named(tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(ConfigError, match=r"latin\.toml is no text"):
+    with pytest.raises(ConfigError, match=r"latin\.toml is not valid utf-8"):
         read_orders(tmp_path / "latin.toml", 128)
     with pytest.raises(ConfigError, match="No such file"):
         read_orders(tmp_path / "none.toml", 128)
@@ -219,14 +219,14 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         (["7", "07.prg"], "program 7 has two files"),
     ],
 )
-def test_program_files_are_named_by_their_number(tmp_path: Path, names: list[str], message: str) -> None:
+def test_program_files_are_read_by_number(tmp_path: Path, names: list[str], message: str) -> None:
     for name in names:
         (tmp_path / name).write_bytes(b"")
     with pytest.raises(ConfigError, match=message):
         read_programs(tmp_path, 128)
 
 
-def test_a_program_that_no_message_can_carry_is_refused(tmp_path: Path) -> None:
+def test_program_file_too_long_is_refused(tmp_path: Path) -> None:
     (tmp_path / "7.prg").write_bytes(bytes(4096 * 52 - 3))
     assert len(read_programs(tmp_path, 128)) == 1
     with pytest.raises(ConfigError, match="too long to be received, at most 212988 bytes"):
@@ -237,7 +237,7 @@ def site_of(config: Config) -> S3Site:
     return robot_site(settings_of(config, S3))
 
 
-def test_files_are_found_beside_the_configuration_that_names_them(tmp_path: Path) -> None:
+def test_files_are_relative_to_configuration(tmp_path: Path) -> None:
     programs = tmp_path / "programs"
     programs.mkdir()
     (programs / "7.prg").write_bytes(b"seven")
@@ -254,15 +254,15 @@ def test_files_are_found_beside_the_configuration_that_names_them(tmp_path: Path
     site = site_of(load_config(path, {}))
     assert site.programs == {7: b"seven"}
     assert "read_register" in site.orders.names
-    for odd in ("robot = 3", "[robot]\norders_file = 3"):
-        path.write_text(odd)
+    for invalid in ("robot = 3", "[robot]\norders_file = 3"):
+        path.write_text(invalid)
         with pytest.raises(ConfigError, match=r"hil\.toml: robot"):
             load_config(path, {})
     empty = site_of(load_config(None, {}))
     assert (empty.orders, empty.programs) == (KNOWN, {})
 
 
-def test_the_decode_command_reads_a_sites_orders(tmp_path: Path) -> None:
+def test_decode_uses_orders_file(tmp_path: Path) -> None:
     path = tmp_path / "site.toml"
     path.write_text(SITE)
     block = "10 02 00 0A 01 00 06 01 00 00 00 03 10 03 0C"

@@ -1,4 +1,4 @@
-"""Every robot that streams with every sensor, in one emulated cell: the loop closes to 10 N on a contour."""
+"""Every streaming robot with every sensor in one emulated cell: 10 N on a contour."""
 
 import statistics
 from pathlib import Path
@@ -27,14 +27,14 @@ STREAMED = [name for name in ROBOTS.own if name != "s3"]
 @pytest.mark.sweep
 @pytest.mark.parametrize("sensor", SENSORS.own)
 @pytest.mark.parametrize("robot", STREAMED)
-def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
+def test_pairs_of_robot_and_sensor_hold_ten_newtons(robot: str, sensor: str) -> None:
     values = merged(
         CLOSE,
         {
             "run": {"duration_s": 1.0, "seed": 7},
             "robot": {"emulated": robot},
             "sensor": {"emulated": sensor},
-            # these runs are not about the rate of its records
+            # these runs do not test the rate of its records
             "cell": {"surface": CONTOUR, "netft": {"rate_hz": 1000}},
         },
     )
@@ -54,22 +54,22 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
 
 @pytest.mark.sweep
 @pytest.mark.parametrize("robot", STREAMED)
-def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
-    """A replay decides as another controller would, and `latency` knows the answers.
+def test_recording_of_stream_contains_answer_times(robot: str, tmp_path: Path) -> None:
+    """A replay can use another controller, and `latency` includes the answers.
 
-    That two runs are the same to the byte, and a replay identical, is held for each robot in its own tests.
+    The tests of each robot check that two runs are identical to the byte, and that a replay is identical.
     """
     near = tmp_path / "near.toml"
     near.write_text(f"{AWAKE_TOML}{CLOSE_TOML}cell.netft.rate_hz = 1000\n")
     record = str(tmp_path / "run.mcap")
     arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
     arguments += ["--duration", "0.3", "--no-view", "--record", record]
-    done = CliRunner().invoke(cli, arguments, catch_exceptions=False)
-    assert done.exit_code == 0, done.output
+    result = CliRunner().invoke(cli, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
     for other in ("pi", "fuzzy"):
-        asked = CliRunner().invoke(cli, ["replay", record, "--controller", other], catch_exceptions=False)
-        assert f"commands of {other} with these limits" in asked.output
-    told = CliRunner().invoke(cli, ["latency", record], catch_exceptions=False).output
-    assert "answers: " in told
-    assert "0 of " in told
-    assert "of a late answer: " in told
+        replay = CliRunner().invoke(cli, ["replay", record, "--controller", other], catch_exceptions=False)
+        assert f"commands of {other} with these limits" in replay.output
+    latency = CliRunner().invoke(cli, ["latency", record], catch_exceptions=False).output
+    assert "answers: " in latency
+    assert "0 of " in latency
+    assert "of a late answer: " in latency

@@ -59,14 +59,14 @@ def on_a_server(
     run_real(main)
 
 
-async def opened(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+async def open_connection(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     host, _, port = url.removeprefix("tcp://").rpartition(":")
     return await asyncio.open_connection(host, int(port))
 
 
-async def said_to(url: str, *lines: bytes) -> list[dict[str, Any]]:
-    """All answers on one connection until it is closed by the other side, or after as many as lines."""
-    reader, writer = await opened(url)
+async def exchange(url: str, *lines: bytes) -> list[dict[str, Any]]:
+    """Return all answers on one connection until the peer closes it, or after one per line."""
+    reader, writer = await open_connection(url)
     writer.write(b"".join(lines))
     answers: list[dict[str, Any]] = []
     while len(answers) < len(lines) and (line := await reader.readline()):
@@ -76,18 +76,18 @@ async def said_to(url: str, *lines: bytes) -> list[dict[str, Any]]:
     return answers
 
 
-def test_requests_of_one_connection_are_answered_in_turn() -> None:
+def test_panel_answers_requests_in_order() -> None:
     async def use(url: str) -> None:
         requests = [{"do": "show", "number": number} for number in range(200)]
-        answers = await said_to(url, *map(encode, requests))
+        answers = await exchange(url, *map(encode, requests))
         assert answers == [{"said": request} for request in requests]
 
     on_a_server(use)
 
 
-def test_a_request_may_come_in_pieces() -> None:
+def test_panel_accepts_request_in_pieces() -> None:
     async def use(url: str) -> None:
-        reader, writer = await opened(url)
+        reader, writer = await open_connection(url)
         for byte in b'{"do":"show"}\r\n':
             writer.write(bytes((byte,)))
             await writer.drain()
@@ -110,27 +110,27 @@ def test_a_request_may_come_in_pieces() -> None:
         (b"x" * 100_000 + b"\n", "at most 1024 bytes"),
     ],
 )
-def test_what_is_no_request_is_told_so_and_sent_away(line: bytes, text: str) -> None:
+def test_panel_disconnects_client_without_request(line: bytes, text: str) -> None:
     async def use(url: str) -> None:
-        reader, writer = await opened(url)
+        reader, writer = await open_connection(url)
         writer.write(line)
         assert text in json.loads(await reader.readline())["error"]
-        with suppress(ConnectionError):  # it had not read everything that we said
+        with suppress(ConnectionError):  # it had not read all requests
             assert await reader.read() == b""
         writer.close()
-        assert await said_to(url, encode({})) == [{"said": {}}], "others are served"
+        assert await exchange(url, encode({})) == [{"said": {}}], "other clients are served"
 
     on_a_server(use)
 
 
-def test_what_cannot_be_done_is_told_and_the_connection_goes_on() -> None:
+def test_panel_reports_refused_request_and_continues() -> None:
     def perform(request: dict[str, Any]) -> dict[str, Any]:
         if request["do"] == "dance":
             raise ValueError("a robot cannot dance")
         return {}
 
     async def use(url: str) -> None:
-        assert await said_to(url, encode({"do": "dance"}), encode({"do": "show"})) == [
+        assert await exchange(url, encode({"do": "dance"}), encode({"do": "show"})) == [
             {"error": "a robot cannot dance"},
             {},
         ]
@@ -138,10 +138,10 @@ def test_what_cannot_be_done_is_told_and_the_connection_goes_on() -> None:
     on_a_server(use, perform)
 
 
-def test_silent_clients_do_not_keep_the_next_one_out() -> None:
+def test_panel_silent_clients_do_not_block_others() -> None:
     async def use(url: str) -> None:
-        silent = [await opened(url) for _ in range(3 * CLIENT_LIMIT)]
-        assert await said_to(url, encode({})) == [{"said": {}}]
+        silent = [await open_connection(url) for _ in range(3 * CLIENT_LIMIT)]
+        assert await exchange(url, encode({})) == [{"said": {}}]
         for number, (reader, writer) in enumerate(silent):
             if number < 2 * CLIENT_LIMIT:
                 assert "silent longest" in json.loads(await reader.readline())["error"]
@@ -151,39 +151,39 @@ def test_silent_clients_do_not_keep_the_next_one_out() -> None:
     on_a_server(use)
 
 
-def test_the_client_that_was_silent_longest_makes_room() -> None:
+def test_panel_replaces_longest_silent_client() -> None:
     async def use(url: str) -> None:
-        there = [await opened(url) for _ in range(CLIENT_LIMIT)]
-        for reader, writer in there[::-1]:  # the last that came is heard first
+        connections = [await open_connection(url) for _ in range(CLIENT_LIMIT)]
+        for reader, writer in connections[::-1]:  # the newest client is served first
             writer.write(encode({}))
             assert await reader.readline() == b'{"said":{}}\n'
-        assert await said_to(url, encode({})) == [{"said": {}}]
-        assert "silent longest" in json.loads(await there[-1][0].readline())["error"]
-        for reader, writer in there[:-1]:
+        assert await exchange(url, encode({})) == [{"said": {}}]
+        assert "silent longest" in json.loads(await connections[-1][0].readline())["error"]
+        for reader, writer in connections[:-1]:
             writer.write(encode({"still": "here"}))
             assert await reader.readline() == b'{"said":{"still":"here"}}\n'
-        for _, writer in there:
+        for _, writer in connections:
             writer.close()
 
     on_a_server(use)
 
 
-def test_clients_that_read_nothing_do_not_keep_the_next_one_out() -> None:
+def test_panel_clients_that_do_not_read_do_not_block_others() -> None:
     async def use(url: str) -> None:
-        deaf = [await opened(url) for _ in range(CLIENT_LIMIT)]
+        deaf = [await open_connection(url) for _ in range(CLIENT_LIMIT)]
         for reader, writer in deaf:
             reader._transport.pause_reading()  # type: ignore[attr-defined]
             writer.write(encode({"much": "x" * 900}) * 20_000)
         for _ in range(500):
             await asyncio.sleep(0)
-        assert await said_to(url, encode({})) == [{"said": {}}]
+        assert await exchange(url, encode({})) == [{"said": {}}]
         for _, writer in deaf:
             writer.transport.abort()
 
     on_a_server(use)
 
 
-def test_a_client_that_does_not_read_is_not_answered_for_ever() -> None:
+def test_panel_stops_answering_client_that_does_not_read() -> None:
     answered = 0
 
     def perform(request: dict[str, Any]) -> dict[str, Any]:
@@ -192,7 +192,7 @@ def test_a_client_that_does_not_read_is_not_answered_for_ever() -> None:
         return {"much": "x" * 50_000}
 
     async def use(url: str) -> None:
-        _, writer = await opened(url)
+        _, writer = await open_connection(url)
         writer.write(encode({}) * 20_000)
         before = -1
         while answered != before:
@@ -216,27 +216,27 @@ def test_a_client_that_does_not_read_is_not_answered_for_ever() -> None:
         ("pty:", "tcp-listen"),
     ],
 )
-def test_a_panel_listens_on_loopback_alone(url: str, text: str) -> None:
+def test_panel_listens_on_loopback_only(url: str, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         panel_address(url)
 
 
-def test_loopback_has_several_names() -> None:
+def test_panel_accepts_all_loopback_names() -> None:
     assert panel_address("tcp-listen://localhost:7000") == ("localhost", 7000)
     assert panel_address("tcp-listen://[::1]:0") == ("::1", 0)
     assert panel_address("tcp-listen://127.0.0.2:0") == ("127.0.0.2", 0)
 
 
-def test_a_port_that_is_taken_is_named() -> None:
+def test_panel_busy_port_is_named() -> None:
     async def use(url: str) -> None:
-        taken = url.replace("tcp:", "tcp-listen:")
+        busy = url.replace("tcp:", "tcp-listen:")
         with pytest.raises(TransportUnavailable, match="another program already listens on this port"):
-            await PanelServer(dict, Clock.running()).listen(taken)
+            await PanelServer(dict, Clock.running()).listen(busy)
 
     on_a_server(use)
 
 
-def test_an_answer_of_another_program_is_no_answer() -> None:
+def test_panel_client_refuses_answer_of_other_program() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         url = f"tcp://127.0.0.1:{other.getsockname()[1]}"
 
@@ -258,15 +258,15 @@ def test_an_answer_of_another_program_is_no_answer() -> None:
         ask("show", {"do": "show"})
 
 
-def test_lines_are_read_strictly() -> None:
+def test_panel_lines_are_parsed_strictly() -> None:
     assert decode(encode({"do": "show"})[:-1]) == {"do": "show"}
     for line in (b"", b"{", b"1", b"null"):
         with pytest.raises(ValueError, match="no"):
             decode(line)
 
 
-def test_each_act_at_the_panel_wakes_robot_and_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A device that sleeps until a deadline of its own would tell only then what has happened."""
+def test_panel_request_wakes_robot_and_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a sleeping device would report the change only at its next deadline."""
     woken: list[Pump[Any, Any]] = []
     monkeypatch.setattr(Pump, "kick", lambda pump: woken.append(pump))
 
@@ -280,7 +280,7 @@ def test_each_act_at_the_panel_wakes_robot_and_sensor(monkeypatch: pytest.Monkey
                 assert served.panel is not None
                 for request in (b'{"do": "key", "to": "manual"}\n', b'{"do": "key", "to": "auto"}\n'):
                     woken.clear()
-                    await said_to(served.panel, request)
+                    await exchange(served.panel, request)
                     assert len({*map(id, woken)}) == 2
         finally:
             clock.close()
@@ -314,7 +314,7 @@ def invoke(url: str, *arguments: str) -> str:
     return result.output
 
 
-def test_every_command_reaches_the_controller() -> None:
+def test_panel_commands_reach_controller() -> None:
     def flags(cell: PaperCell) -> list[bool]:
         state = cell.robot.state
         return [
@@ -332,7 +332,7 @@ def test_every_command_reaches_the_controller() -> None:
 
         before = flags(cell)
         assert await do() == await do("show")
-        for there, back in (
+        for action, reversal in (
             (("emergency-stop",), ("emergency-stop", "release")),
             (("key", "manual"), ("key", "auto")),
             (("link-control", "take"), ("link-control", "give")),
@@ -340,9 +340,9 @@ def test_every_command_reaches_the_controller() -> None:
             (("programming-unit", "connect"), ("programming-unit", "remove")),
             (("interrupt", "permit"), ("interrupt", "forbid")),
         ):
-            await do(*there)
+            await do(*action)
             assert sum(a != b for a, b in zip(flags(cell), before, strict=True)) == 1
-            await do(*back)
+            await do(*reversal)
             assert flags(cell) == before
         assert "drop-ack of a bid (2)" in await do("inject", "drop-ack", "of=bid", "count=2")
         assert "standby" in (await do("show")).splitlines()[0]
@@ -352,14 +352,14 @@ def test_every_command_reaches_the_controller() -> None:
         assert "lasting       none" in await do("mend")
         await do("inject", "line-break", "for_s=0.001")
         assert cell.faults[-1].name == "wire: line-break"
-        listed = await do("faults")
+        fault_list = await do("faults")
         for target, faults in CELL_FAULTS.items():
-            assert f"\n{target}\n" in f"\n{listed}"
-            assert all(f"\n  {name} " in listed for name in faults)
+            assert f"\n{target}\n" in f"\n{fault_list}"
+            assert all(f"\n  {name} " in fault_list for name in faults)
         for arguments, text in (
             (("inject", "drop-ack", "off=bid"), "drop-ack has no parameter 'off'"),
-            (("inject", "flood"), "no fault is called 'flood'"),
-            (("inject", "signal", "flood"), "this signal cannot have 'flood'"),
+            (("inject", "flood"), "unknown fault 'flood'"),
+            (("inject", "signal", "flood"), "unknown fault 'flood' for target 'signal'"),
             (("inject", "bus", "off"), "this cell cannot have bus: off"),
         ):
             with pytest.raises(ConfigError, match=text):
@@ -374,17 +374,17 @@ def ask_as_cli(url: str, *arguments: str) -> None:
     cli.main(["panel", url, *arguments], standalone_mode=False)
 
 
-def test_a_parameter_without_a_value_is_a_usage_error() -> None:
+def test_panel_parameter_without_value_is_usage_error() -> None:
     result = CliRunner().invoke(cli, ["panel", "tcp://127.0.0.1:1", "inject", "stands", "for_s"])
     assert result.exit_code == 2
     assert "NAME=VALUE" in result.output
 
 
-def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
+def test_panel_text_tolerates_unexpected_answer() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
     cell.robot.press_emergency_stop(100.0)
-    shown = json.loads(json.dumps(Panel(cell.robot, S3_CONTROLS, cell.ledger).perform({"do": "show"}, 101.0)))
-    lines = state_text(shown).splitlines()
+    state = json.loads(json.dumps(Panel(cell.robot, S3_CONTROLS, cell.ledger).perform({"do": "show"}, 101.0)))
+    lines = state_text(state).splitlines()
     assert lines[0] == "mode          standby"
     assert lines[1] == "state         EMERGENCY STOP, key in AUTO, link control given"
     assert "   900.000  -100.000   600.000 mm reported" in lines[4]
@@ -397,7 +397,7 @@ def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
     assert faults_text({"robot": {"meaning": "flat"}, "link": 3}) == "robot"
 
 
-def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
+def test_panel_needs_emulated_robot_in_real_time() -> None:
     for robot in ("", "s3+tcp://127.0.0.1:1"):
         config = read_config({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
 
@@ -409,16 +409,16 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
             run_virtual(main)
 
 
-def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
+def test_panel_requests_are_recorded() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
-    said: list[str] = []
-    cell.ledger.on_fault = lambda news: said.append(news.text)
+    notices: list[str] = []
+    cell.ledger.on_fault = lambda news: notices.append(news.text)
     board = Panel(cell.robot, S3_CONTROLS, cell.ledger)
     board.perform({"do": "key", "to": "manual"}, 101.0)
     board.perform({"do": "inject", "target": "surface", "fault": "rises", "with": {"for_s": "2"}}, 101.0)
     assert board.show(102.0)["state"]["lasting"] == ("surface: rises",)
     board.perform({"do": "mend"}, 102.5)
-    assert said == [
+    assert notices == [
         "robot: key manual at the panel",
         "surface: rises (mm_s 2) begins for 2 s",
         "surface: rises ends",
@@ -426,7 +426,7 @@ def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
     assert cell.faults[0].ended_at == 102.5
 
 
-def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:
+def test_panel_of_invalid_cell_is_one_line(tmp_path: Path) -> None:
     config = read_config({"cell": {"start_position_mm": (3000.0, 0.0, 0.0)}})
     with pytest.raises(ConfigError, match="cell: the start position"):
         execute(config, True, Outputs(), False)
@@ -441,10 +441,10 @@ def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.full
 @pytest.mark.parametrize("offset_ms", [0, 10, 35, 60, 80, 100, 130])
-def test_an_emergency_stop_ends_the_orders_and_is_latched(
+def test_panel_emergency_stop_is_latched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], offset_ms: int
 ) -> None:
-    """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
+    """Pressed at several times of a cycle of 156 ms, also between a status without the stop and the move after it."""
     cells: list[PaperCell] = []
     pressed: list[float] = []
 
@@ -453,10 +453,10 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
         return cells[0]
 
     monkeypatch.setattr("hil_bridge.runs.compose.make_cell", made)
-    told = Notes._cycle
+    record_cycle = Notes._cycle
 
     def cycle(self: Any, record: CycleRecord) -> None:
-        told(self, record)
+        record_cycle(self, record)
         if record.phase == "track" and not pressed:
             pressed.append(record.answered_at + 1.0 + offset_ms / 1000.0)
             loop = asyncio.get_running_loop()
@@ -469,7 +469,7 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     assert "emergency stop" in capsys.readouterr().err
     recording = read(record)
     assert not recording.truncated
-    assert recording.cycles[-1].answered_at < pressed[0] + 0.2, "no order was taken after it"
+    assert recording.cycles[-1].answered_at < pressed[0] + 0.2, "no order was accepted after the stop"
     texts = [event.text for event in recording.events]
     assert any("operational error 13.0" in text for text in texts)
     summary = summarise(recording)
@@ -477,11 +477,11 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     refusal = "refused order 24: 13 stop or emergency stop; release the stop"
     causes = [event.text for event in recording.events if event.kind in (EventKind.STOP, EventKind.THEN)]
     assert summary.text == causes[0]
-    assert any(refusal in text for text in causes), "by the refusal, or by a status that knew before"
+    assert any(refusal in text for text in causes), "detected by the refusal, or by an earlier status"
     assert json.loads((tmp_path / "s.json").read_text())["text"] == summary.text
-    stood = cells[0].true_state(pressed[0] + 1.0)
-    assert stood.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
-    shown = read_state(cells[0].robot, pressed[0] + 1.0)
-    assert (shown.points_waiting, shown.activity) == (0, "none")
-    assert shown.last_refusal == "move: 13 stop or emergency stop"
-    assert 2 <= shown.refused <= 20, "the move, its repetitions with patience, and the end of the sequence"
+    position = cells[0].true_state(pressed[0] + 1.0)
+    assert position.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    state = read_state(cells[0].robot, pressed[0] + 1.0)
+    assert (state.points_waiting, state.activity) == (0, "none")
+    assert state.last_refusal == "move: 13 stop or emergency stop"
+    assert 2 <= state.refused <= 20, "the move, its repetitions with patience, and the end of the sequence"

@@ -1,4 +1,4 @@
-"""Panels of emulated robots that stream: each control acts, shows, and goes back. `hil-bridge panel` reaches all."""
+"""Panels of emulated streaming robots: each control acts, is displayed, and can be reset by `hil-bridge panel`."""
 
 import asyncio
 import dataclasses
@@ -27,7 +27,7 @@ STREAMS = [name for name in ROBOTS.own if name != "s3"]
 
 
 class Bench:
-    """A robot in its cell, without a client, and its panel."""
+    """Robot in its cell without a client, and its panel."""
 
     def __init__(self, robot: str) -> None:
         sections = {
@@ -58,26 +58,26 @@ class Bench:
         answer = self.panel.perform({"do": name} if to is None else {"do": name, "to": to}, self.now)
         self.wait(0.05)
         state: dict[str, Any] = json.loads(json.dumps(self.panel.show(self.now)))["state"]
-        assert answer["rows"], "it has something for people"
+        assert answer["rows"], "the panel shows text for operators"
         return state
 
 
 @pytest.mark.parametrize("robot", STREAMS)
-def test_an_emergency_stop_by_hand_and_one_by_a_fault_are_released_one_by_one(robot: str) -> None:
+def test_manual_and_injected_stop_are_released_separately(robot: str) -> None:
     bench = Bench(robot)
     assert bench.state()["hindrance"] == ""
     bench.panel.perform({"do": "inject", "fault": "emergency-stop"}, bench.now)
     for hand_first in (True, False):
         bench.do("emergency-stop")
-        assert is_stopped(bench), "by both"
+        assert is_stopped(bench), "set by both sides"
         bench.do(*(("emergency-stop", "release") if hand_first else ("mend",)))
-        assert is_stopped(bench), "by the other"
+        assert is_stopped(bench), "set by the other side"
         if hand_first:
             bench.do("emergency-stop", "press")
     bench.do("emergency-stop", "release")
     assert not is_stopped(bench)
     for control, to in BACK[robot]:
-        assert bench.state()["hindrance"], "released, it stands"
+        assert bench.state()["hindrance"], "released, but still stopped"
         bench.do(control, to)
         bench.wait(30.0 if robot == "rtde" else 0.0)
     assert bench.state()["hindrance"] == ""
@@ -88,11 +88,11 @@ BACK = {
     "rsi": (("drives", "on"), ("program", "start")),
     "rtde": (("power", "on"), ("brakes", "release")),
 }
-"""An operator's way back from an emergency stop that is released."""
+"""Steps of an operator after the release of an emergency stop."""
 
 
 def is_stopped(bench: Bench) -> bool:
-    """Whether the emergency stop holds, as the panel shows it."""
+    """Return whether the emergency stop is active, as shown by the panel."""
     state = bench.state()
     stopped = "emergency-stop" in state.get("stops", ()) or state.get("safety") == "robot emergency stop"
     by_fault = state["hindrance"] == "the motion is stopped, telegrams continue"
@@ -100,7 +100,7 @@ def is_stopped(bench: Bench) -> bool:
 
 
 @pytest.mark.full
-def test_a_universal_robot_comes_back_from_an_emergency_stop_step_by_step() -> None:
+def test_rtde_panel_recovers_from_emergency_stop_in_steps() -> None:
     bench = Bench("rtde")
     bench.do("emergency-stop")
     for control, to in (("power", "on"), ("brakes", "release")):
@@ -114,7 +114,7 @@ def test_a_universal_robot_comes_back_from_an_emergency_stop_step_by_step() -> N
     assert bench.state()["hindrance"] == ""
 
 
-def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> None:
+def test_rtde_panel_controls_act_or_are_refused() -> None:
     bench = Bench("rtde")
     assert bench.do("speed", "40")["speed_percent"] == 40.0
     assert bench.do("speed", "12.5")["speed_percent"] == 12.5
@@ -126,7 +126,7 @@ def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> Non
         bench.do("protective-stop", "unlock")
     bench.cell.ledger.inject("robot", "protective-stop", bench.now, {})
     with pytest.raises(
-        ValueError, match=r"^the controller refuses to unlock a protective stop earlier than 5 s behind it$"
+        ValueError, match=r"^the controller refuses to unlock a protective stop earlier than 5 s after it$"
     ):
         bench.do("protective-stop", "unlock")
     bench.wait(10.0)
@@ -140,11 +140,11 @@ def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> Non
             bench.panel.perform({"do": "speed", "to": wrong}, bench.now)
 
 
-def test_the_controls_of_a_guided_robot_act() -> None:
+def test_egm_panel_controls_act() -> None:
     bench = Bench("egm")
     bench.wait(1.0)
     assert bench.do("motors", "off")["motors"] == "off"
-    assert bench.do("motors", "off")["stops"] == ["program-stopped", "motors-off"], "twice is once"
+    assert bench.do("motors", "off")["stops"] == ["program-stopped", "motors-off"], "pressing is idempotent"
     assert bench.do("motors", "on")["stops"] == ["program-stopped"]
     assert bench.do("program", "start")["stops"] == []
     assert bench.do("program", "restart")["rapid"] == "running"
@@ -152,7 +152,7 @@ def test_the_controls_of_a_guided_robot_act() -> None:
     assert bench.do("program", "start")["rapid"] == "running"
 
 
-def test_the_controls_of_a_kuka_act() -> None:
+def test_rsi_panel_commands_change_program_state() -> None:
     bench = Bench("rsi")
     bench.wait(0.1)
     assert bench.do("program", "end")["program"] == "CREATED"
@@ -161,18 +161,18 @@ def test_the_controls_of_a_kuka_act() -> None:
 
 
 @pytest.mark.parametrize("robot", STREAMS)
-def test_looking_at_a_panel_changes_nothing(robot: str) -> None:
-    seen, unseen = Bench(robot), Bench(robot)
+def test_panel_show_changes_nothing(robot: str) -> None:
+    watched, unseen = Bench(robot), Bench(robot)
     for _ in range(50):
-        seen.wait(0.0071)
-        seen.state()
+        watched.wait(0.0071)
+        watched.state()
         unseen.wait(0.0071)
         unseen.wait(0.05)
-    assert seen.state() == unseen.state()
+    assert watched.state() == unseen.state()
 
 
 @pytest.mark.parametrize("robot", STREAMS)
-def test_a_fault_of_the_robot_needs_no_target_and_waits_and_lasts(robot: str) -> None:
+def test_panel_fault_of_robot_needs_no_target(robot: str) -> None:
     bench = Bench(robot)
     bench.panel.perform({"do": "inject", "fault": "emergency-stop"}, bench.now)
     assert bench.state()["lasting"] == ["robot: emergency-stop"]
@@ -210,28 +210,28 @@ def on_a_cell(robot: str, use: Callable[[str], Awaitable[None]]) -> None:
 
 
 @pytest.mark.parametrize("robot", STREAMS)
-def test_the_command_reaches_the_panel_of_each_robot(robot: str) -> None:
+def test_panel_command_reaches_each_robot(robot: str) -> None:
     async def use(url: str) -> None:
         async def do(*arguments: str) -> str:
             result = await asyncio.to_thread(CliRunner().invoke, cli, ["panel", url, *arguments])
             assert result.exception is None, result.exception
             return result.output
 
-        shown = await do()
-        assert "motion        possible" in shown
-        assert "lasting       none" in shown
+        state = await do()
+        assert "motion        possible" in state
+        assert "lasting       none" in state
         pressed = await do("emergency-stop")
         assert "motion        not possible: " in pressed
         await do("emergency-stop", "release")
         assert "emergency-stop" in await do("faults")
-        with pytest.raises(ConfigError, match=r"no action is called 'dance'; known: show, emergency-stop, "):
+        with pytest.raises(ConfigError, match=r"unknown action 'dance'; known: show, emergency-stop, "):
             await asyncio.to_thread(cli.main, ["panel", url, "dance"], standalone_mode=False)
 
     on_a_cell(robot, use)
 
 
 @pytest.mark.parametrize("options", [("--panel", "tcp-listen://127.0.0.1:0"), ("--web",)])
-def test_a_panel_of_a_robot_that_has_none_is_refused(
+def test_panel_of_robot_without_one_is_refused(
     monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
 ) -> None:
     emulation = ROBOTS.kind("egm").emulation
@@ -244,7 +244,7 @@ def test_a_panel_of_a_robot_that_has_none_is_refused(
 
 
 @pytest.mark.parametrize("robot", ROBOTS.own)
-def test_each_position_that_a_panel_tells_is_one_of_its_control(robot: str) -> None:
+def test_panel_reports_valid_positions_of_controls(robot: str) -> None:
     bench = Bench(robot)
     answer = json.loads(json.dumps(bench.panel.perform({"do": "controls"}, bench.now)))["controls"]
     at = bench.panel.show(bench.now)["at"]
@@ -261,7 +261,7 @@ def test_each_position_that_a_panel_tells_is_one_of_its_control(robot: str) -> N
             assert bench.panel.show(bench.now)["at"][name] == to
 
 
-def test_the_help_lists_the_controls_with_their_robots() -> None:
+def test_panel_help_lists_controls_with_robots() -> None:
     text = " ".join(CliRunner().invoke(cli, ["panel", "--help"]).output.split())
     assert "emergency-stop press|release" in text
     assert "[egm, rsi, rtde, s3]" in text
@@ -269,7 +269,7 @@ def test_the_help_lists_the_controls_with_their_robots() -> None:
 
 
 def test_served_robot_reports_each_reason_not_to_move() -> None:
-    """A controller that waits for its client times out again and again: that is reported once."""
+    """A controller that waits for its client times out repeatedly, which is reported once."""
     logged: list[str] = []
 
     async def main() -> None:

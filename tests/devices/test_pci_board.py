@@ -1,4 +1,4 @@
-"""A PCI board whose memory is a file: where its words lie, its program, and what is wrong with others."""
+"""PCI board whose memory is a file: position of its words, its program, and invalid boards."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -43,9 +43,7 @@ def get(sysfs: Path, byte: int) -> int:
 
 @pytest.mark.parametrize("address", ["0000:03:00.0", "03:00.0"])
 @pytest.mark.parametrize(("channel", "offset"), [(0, 0x18000), (1, 0x18000), (1, 0x10000)])
-def test_words_lie_every_four_bytes_of_a_channel(
-    sysfs: Path, address: str, channel: int, offset: int
-) -> None:
+def test_pci_words_are_spaced_by_four_bytes(sysfs: Path, address: str, channel: int, offset: int) -> None:
     at = channel * BLOCK + offset
     put(sysfs, at + 4 * 0x90, 0xDEAD4000, 0x0000FFFF)
     board = open_pci(address, channel, offset, sysfs=sysfs)
@@ -56,7 +54,7 @@ def test_words_lie_every_four_bytes_of_a_channel(
     assert [get(sysfs, at + 4 * word) for word in (0xE5, 0xE6, 0xE7)] == [1, 2, 0x0800]
 
 
-def test_the_copyright_shows_where_the_words_lie(sysfs: Path) -> None:
+def test_pci_copyright_confirms_offset_of_words(sysfs: Path) -> None:
     put(sysfs, 0x18000 + 4 * 0x40, *(ord(letter) << 8 for letter in "Copyright  JR3,  Inc   1994"[:24]))
     board = open_pci("03:00.0", sysfs=sysfs)
     assert board.text == "Copyright JR3, Inc 1"
@@ -66,7 +64,7 @@ def test_the_copyright_shows_where_the_words_lie(sysfs: Path) -> None:
     elsewhere.close()
 
 
-def test_words_outside_the_block_are_refused(sysfs: Path) -> None:
+def test_pci_words_outside_block_are_refused(sysfs: Path) -> None:
     board = open_pci("03:00.0", offset=0x3FF00, sysfs=sysfs)
     assert board.read(0x3F, 1) == (0,)
     for address, count in ((0x40, 1), (0x3F, 2), (-1, 1), (0, 0)):
@@ -77,7 +75,7 @@ def test_words_outside_the_block_are_refused(sysfs: Path) -> None:
     board.close()
 
 
-def test_a_reset_needs_the_boards_program(sysfs: Path) -> None:
+def test_pci_reset_without_program_is_refused(sysfs: Path) -> None:
     board = open_pci("03:00.0", channel=1, sysfs=sysfs)
     with pytest.raises(ResetRefused, match="no program file was given"):
         board.reset()
@@ -91,7 +89,7 @@ def test_a_reset_needs_the_boards_program(sysfs: Path) -> None:
     assert [get(sysfs, byte) for byte in at] == [0, 0x1234, 0x56, 0xABCD, 0xEF]
 
 
-def test_a_client_s_program_goes_where_the_board_s_own_does(sysfs: Path) -> None:
+def test_pci_client_program_replaces_board_program(sysfs: Path) -> None:
     put(sysfs, BLOCK + 0x60000, 77)
     board = open_pci("03:00.0", channel=1, sysfs=sysfs)
     board.load(0, ())
@@ -104,22 +102,21 @@ def test_a_client_s_program_goes_where_the_board_s_own_does(sysfs: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "says"), [(None, "cannot read"), ("0002 0000 1 2", "is not a board program: it has no end mark")]
+    ("text", "message"),
+    [(None, "cannot read"), ("0002 0000 1 2", "is not a board program: it has no end mark")],
 )
-def test_a_run_with_a_wrong_program_is_refused_in_one_line(
-    tmp_path: Path, text: str | None, says: str
-) -> None:
+def test_run_with_invalid_board_program_is_refused(tmp_path: Path, text: str | None, message: str) -> None:
     path, config = tmp_path / "p.idm", tmp_path / "run.toml"
     if text is not None:
         path.write_text(text)
     config.write_text(f'[sensor]\nemulated = "jr3-board"\n[sensor.jr3.board]\nprogram = "{path}"\n')
     ended = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--no-view"])
     assert isinstance(ended.exception, ConfigError)
-    assert says in str(ended.exception)
+    assert message in str(ended.exception)
     assert "\n" not in str(ended.exception)
 
 
-def test_a_run_loads_the_program_of_its_settings(tmp_path: Path) -> None:
+def test_run_loads_configured_board_program(tmp_path: Path) -> None:
     path, config = tmp_path / "p.idm", tmp_path / "run.toml"
     path.write_text("0002 0000 1 2 ffff")
     config.write_text(
@@ -132,7 +129,7 @@ def test_a_run_loads_the_program_of_its_settings(tmp_path: Path) -> None:
     assert loaded == [(0,), (0, 1, 2)]
 
 
-def test_a_program_file(tmp_path: Path) -> None:
+def test_board_program_file_is_read(tmp_path: Path) -> None:
     path = tmp_path / "jr3pci.idm"
     path.write_text("0004\n0010\n1111 0022\n3333 0044\n0002\n4000\n9999 9999\n0002 0000\n5555 0066\nffff\n")
     assert read_program(path) == (
@@ -143,20 +140,20 @@ def test_a_program_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("0004 0010 1111 0022", "has no end mark"),
         ("0001 0010 1111 ffff", "1 words for 0x0010"),
         ("0004 3fff 1 2 3 4 ffff", "4 words for 0x3fff"),
         ("0002 0000 12345 0 ffff", "2 words for 0x0000"),
         ("ffff", "it is empty"),
-        ("µ", "is no text in ascii"),
+        ("µ", "is not valid ascii"),
     ],
 )
-def test_what_is_no_program(tmp_path: Path, text: str, says: str) -> None:
+def test_board_program_file_invalid_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "p.idm"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=message):
         read_program(path)
     with pytest.raises(ConfigError, match="cannot read"):
         read_program(tmp_path / "nothing")
@@ -167,7 +164,7 @@ def change(name: str, text: str) -> Callable[[Path], object]:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "options", "kind", "says"),
+    ("spoil", "options", "kind", "message"),
     [
         (
             None,
@@ -200,22 +197,22 @@ def change(name: str, text: str) -> Callable[[Path], object]:
         (lambda folder: (folder / "resource0").unlink(), {}, TransportUnavailable, "it has no memory to map"),
     ],
 )
-def test_wrong_boards_are_one_clear_line(
+def test_pci_wrong_board_is_reported_in_one_line(
     sysfs: Path,
     spoil: Callable[[Path], object] | None,
     options: dict[str, object],
     kind: type[BridgeError],
-    says: str,
+    message: str,
 ) -> None:
     if spoil is not None:
         spoil(sysfs / "0000:03:00.0")
-    with pytest.raises(kind, match=says) as caught:
+    with pytest.raises(kind, match=message) as caught:
         open_pci(**{"address": "03:00.0", "sysfs": sysfs, **options})  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("number", "says"),
+    ("number", "message"),
     [
         (1, "the kernel forbids it"),
         (13, "no permission; run as root"),
@@ -223,30 +220,30 @@ def test_wrong_boards_are_one_clear_line(
         (5, "Input"),
     ],
 )
-def test_what_the_kernel_forbids(
-    sysfs: Path, monkeypatch: pytest.MonkeyPatch, number: int, says: str
+def test_pci_kernel_refusal_is_reported(
+    sysfs: Path, monkeypatch: pytest.MonkeyPatch, number: int, message: str
 ) -> None:
     def refuse(*arguments: object, **options: object) -> None:
         raise OSError(number, "Input/output error")
 
     monkeypatch.setattr("mmap.mmap", refuse)
-    with pytest.raises(TransportUnavailable, match=says):
+    with pytest.raises(TransportUnavailable, match=message):
         open_pci("03:00.0", sysfs=sysfs)
     monkeypatch.undo()
     monkeypatch.setattr("os.open", refuse)
-    with pytest.raises(TransportUnavailable, match=says):
+    with pytest.raises(TransportUnavailable, match=message):
         open_pci("03:00.0", sysfs=sysfs)
 
 
-def test_the_command_says_what_is_wrong(sysfs: Path) -> None:
-    def says(*options: str) -> str:
+def test_emulate_jr3_pci_reports_errors(sysfs: Path) -> None:
+    def refusal(*options: str) -> str:
         result = CliRunner().invoke(cli, ["emulate", "jr3-pci", *options])
         assert result.exit_code
         return str(result.exception) if isinstance(result.exception, BridgeError) else result.output
 
-    assert "not a JR3" not in says("--pci", "03:00.0", "--sysfs", str(sysfs), "--channel", "2")
-    assert "must be a number such as 0x18000, got 'x'" in says("--pci", "03:00.0", "--offset", "x")
-    assert "does not exist" in says("--pci", "09:00.0", "--sysfs", str(sysfs))
-    assert "host and port must be such as" in says(
+    assert "not a JR3" not in refusal("--pci", "03:00.0", "--sysfs", str(sysfs), "--channel", "2")
+    assert "must be a number such as 0x18000, got 'x'" in refusal("--pci", "03:00.0", "--offset", "x")
+    assert "does not exist" in refusal("--pci", "09:00.0", "--sysfs", str(sysfs))
+    assert "host and port must be such as" in refusal(
         "--pci", "03:00.0", "--sysfs", str(sysfs), "--listen", "here"
     )

@@ -13,7 +13,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import load_config
 
 
-def test_texts_are_read_by_name_and_other_files_are_passed_over(tmp_path: Path) -> None:
+def test_program_folder_reads_scripts_and_ignores_other_files(tmp_path: Path) -> None:
     (tmp_path / "waits.script").write_text("sleep(1)\n")
     (tmp_path / "notes.txt").write_text("none\n")
     assert read_programs(tmp_path, TEXT_MAX) == {"waits": b"sleep(1)\n"}
@@ -21,11 +21,11 @@ def test_texts_are_read_by_name_and_other_files_are_passed_over(tmp_path: Path) 
     config.write_text('robot.emulated = "rtde"\ncell.rtde.program_folder = "."\n')
     cell = make_cell(Setup(load_config(config, {})), 100.0)
     assert cell.robot.controller.player.stored == {"waits": b"sleep(1)\n"}, (
-        "the folder is looked for beside its file"
+        "the folder is relative to its file"
     )
 
 
-def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_unreadable_program_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"^cannot read [^\n]*nowhere: No such file or directory$"):
         read_programs(tmp_path / "nowhere", TEXT_MAX)
     (tmp_path / "long.script").write_bytes(b"#" * 11)
@@ -37,7 +37,7 @@ def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         read_programs(tmp_path, 10)
 
 
-def test_a_folder_has_so_many_programs_and_no_more(tmp_path: Path) -> None:
+def test_program_folder_limits_number_of_programs(tmp_path: Path) -> None:
     for number in range(FILES_MAX + 1):
         (tmp_path / f"{number}.script").write_text("")
     with pytest.raises(ConfigError, match=r": more than 256 programs; remove some$"):

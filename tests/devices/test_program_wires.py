@@ -31,7 +31,7 @@ end
 
 @dataclass
 class Site:
-    """A controller on ports of its own, and a server for its programs."""
+    """Controller on its own ports, and a server for its programs."""
 
     robot: RtdeRobot
     port: int
@@ -44,15 +44,15 @@ class Site:
         assert server is not None
         server.receive((ECHO % (host, port)).encode(), robot.controller.now)
 
-    async def until(self, holds: Callable[[], bool], drives: bool = True) -> None:
+    async def until(self, condition: Callable[[], bool], drives: bool = True) -> None:
         async with asyncio.timeout(30):
-            while not holds():
+            while not condition():
                 await asyncio.sleep(0.005)
                 if drives:
                     self.robot.controller.advance(Clock.running().now())
 
-    def said(self) -> list[str]:
-        return [str(saying) for saying in self.robot.controller.console.sayings]
+    def messages(self) -> list[str]:
+        return [str(saying) for saying in self.robot.controller.console.program_messages]
 
 
 def at_site(act: Callable[[Site], Awaitable[None]], **profile: str) -> None:
@@ -70,7 +70,7 @@ def at_site(act: Callable[[Site], Awaitable[None]], **profile: str) -> None:
             await act(site)
         for reader, writer in site.clients:
             async with asyncio.timeout(10):
-                await reader.read()  # to its end: the controller that ended has closed it
+                await reader.read()  # to its end: the controller closed it when it ended
             writer.close()
         server.close()
         assert not failures
@@ -78,13 +78,13 @@ def at_site(act: Callable[[Site], Awaitable[None]], **profile: str) -> None:
     asyncio.run(run())
 
 
-def test_a_program_talks_to_a_server_of_this_computer() -> None:
+def test_program_connects_to_local_server() -> None:
     async def act(site: Site) -> None:
         site.play("127.0.0.1", site.port)
         await site.until(lambda: bool(site.clients))
         reader, writer = site.clients[0]
         await site.until(lambda: site.robot.controller.player.runtime == Runtime.PLAYING)
-        async with asyncio.timeout(30):  # nothing but the connection drives the controller from here on
+        async with asyncio.timeout(30):  # from here on only the connection drives the controller
             assert await reader.readline() == b"here\n"
             writer.write(struct.pack(">2i", 40, 2))
             assert struct.unpack(">i", await reader.readexactly(4)) == (42,)
@@ -94,8 +94,8 @@ def test_a_program_talks_to_a_server_of_this_computer() -> None:
     at_site(act)
 
 
-def test_a_server_that_sends_without_a_pause_waits_until_its_bytes_are_read() -> None:
-    """Four times as much as is kept for a program that does not read."""
+def test_program_wire_flooding_server_is_throttled() -> None:
+    """The server sends four times the buffer of a program that does not read."""
     count = 4 * UNREAD_MAX // 4096
     text = (
         f'def reader():\n  socket_open("127.0.0.1", %d, "pc")\n  sleep(0.2)\n  n = 0\n  while n < {count}:\n'
@@ -117,23 +117,23 @@ def test_a_server_that_sends_without_a_pause_waits_until_its_bytes_are_read() ->
     at_site(act)
 
 
-def test_a_server_that_is_not_there_is_told_the_program() -> None:
+def test_program_wire_missing_server_is_reported_to_program() -> None:
     async def act(site: Site) -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             site.play("localhost", free.getsockname()[1])
-            await site.until(lambda: "nothing there" in site.said())
+            await site.until(lambda: "nothing there" in site.messages())
         assert site.lines == []
 
     at_site(act)
 
 
-def test_a_program_comes_to_no_other_computer_and_that_is_told_once() -> None:
+def test_program_wire_to_other_computer_is_refused_once() -> None:
     async def act(site: Site) -> None:
-        site.play("192.0.2.1", 50001)  # an address for documents: no computer has it
-        await site.until(lambda: "nothing there" in site.said())
+        site.play("192.0.2.1", 50001)  # an address reserved for documentation
+        await site.until(lambda: "nothing there" in site.messages())
         site.play("192.0.2.1", 50001)
-        await site.until(lambda: site.said().count("nothing there") == 2)
+        await site.until(lambda: site.messages().count("nothing there") == 2)
         (line,) = site.lines
         assert line.startswith("rtde: a program may not connect to '192.0.2.1'")
         assert "cell.rtde.program_servers" in line
@@ -141,8 +141,8 @@ def test_a_program_comes_to_no_other_computer_and_that_is_told_once() -> None:
     at_site(act)
 
 
-def test_a_program_plays_on_where_its_client_has_left() -> None:
-    """Nothing but the time drives the controller then."""
+def test_program_continues_after_client_disconnects() -> None:
+    """Then only the clock drives the controller."""
 
     async def act(site: Site) -> None:
         text = b"def alone():\n  sleep(0.1)\n  write_output_integer_register(1, 7)\nend\n"
@@ -155,8 +155,8 @@ def test_a_program_plays_on_where_its_client_has_left() -> None:
     at_site(act)
 
 
-def test_a_connection_that_is_open_when_the_controller_ends_is_closed() -> None:
-    """`at_site` reads every connection to its end, once the controller has ended."""
+def test_program_wire_is_closed_with_controller() -> None:
+    """`at_site` reads every connection to its end after the controller has ended."""
 
     async def act(site: Site) -> None:
         site.play("127.0.0.1", site.port)

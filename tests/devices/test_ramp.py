@@ -1,4 +1,4 @@
-"""The pace of a stream's set point: it gains speed and comes to rest without a step, and every stop is at once."""
+"""Speed profile of a stream's set point: it starts and ends without a velocity step, and stops immediately."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ START = Pose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0))
 SLACK = 1e-9
 
 
-def moved(mm: float, degrees: float = 0.0) -> Pose:
+def displaced(mm: float, degrees: float = 0.0) -> Pose:
     (x, y, z), half = START.position, math.radians(degrees) / 2.0
     return Pose((x, y, z + mm * 1e-3), (0.0, math.cos(half), math.sin(half), 0.0))
 
@@ -31,38 +31,38 @@ def angle(one: Pose, other: Pose) -> float:
 
 
 def course(goal: Pose, start: Pose = START, pace: Pace = PACE) -> list[Pose]:
-    """Set points on the way to a goal, until it is reached, with both ends."""
+    """Return the set points on the path to a goal, including both ends."""
     ramp, points = Ramp(CYCLE), [start]
     while points[-1] != goal:
         points.append(ramp.step(points[-1], goal, pace, CYCLE))
-        assert len(points) < 100_000, "it never arrives"
+        assert len(points) < 100_000, "the ramp never reaches its goal"
     return points
 
 
 def speeds(points: list[Pose]) -> list[float]:
-    """Speeds of a course that begins and ends at rest, m/s."""
+    """Return the speeds of a path that begins and ends at standstill, m/s."""
     return [0.0, *(math.dist(a.position, b.position) / CYCLE for a, b in itertools.pairwise(points)), 0.0]
 
 
 @pytest.mark.full
 @given(st.floats(1e-4, 100.0), st.floats(0.001, 0.5), st.floats(0.1, 50.0))
-def test_a_way_begins_and_ends_without_a_step_in_velocity(
-    way_mm: float, speed: float, acceleration: float
+def test_ramp_has_no_velocity_step_at_start_and_end(
+    distance_mm: float, speed: float, acceleration: float
 ) -> None:
     pace = Pace(speed, 1.0, acceleration, 1.0)
-    points = course(moved(-way_mm), pace=pace)
-    found = speeds(points)
-    assert max(found) <= speed + SLACK
-    for before, after in itertools.pairwise(found):
+    points = course(displaced(-distance_mm), pace=pace)
+    rates = speeds(points)
+    assert max(rates) <= speed + SLACK
+    for before, after in itertools.pairwise(rates):
         assert abs(after - before) <= acceleration * CYCLE + 1e-6
     heights = [point.position[2] for point in points]
-    assert heights == sorted(heights, reverse=True)  # straight on, and never beyond
-    shortest = way_mm * 1e-3 / speed + speed / acceleration
+    assert heights == sorted(heights, reverse=True)  # in a straight line, without overshoot
+    shortest = distance_mm * 1e-3 / speed + speed / acceleration
     assert (len(points) - 1) * CYCLE <= shortest + 4 * CYCLE
 
 
-def test_a_turn_begins_and_ends_so_too_and_ends_with_the_way() -> None:
-    points = course(moved(-1.0, 10.0))
+def test_ramp_of_rotation_is_smooth_and_ends_with_path() -> None:
+    points = course(displaced(-1.0, 10.0))
     turns = [0.0, *(angle(a, b) / CYCLE for a, b in itertools.pairwise(points)), 0.0]
     assert max(turns) == pytest.approx(PACE.turn_speed, rel=1e-6)
     for before, after in itertools.pairwise(turns):
@@ -71,47 +71,47 @@ def test_a_turn_begins_and_ends_so_too_and_ends_with_the_way() -> None:
     assert (0.6 - middle.position[2]) / 1e-3 == pytest.approx(
         angle(START, middle) / math.radians(10.0), abs=1e-6
     )
-    alone = course(moved(0.0, 10.0))
+    alone = course(displaced(0.0, 10.0))
     assert len(alone) == len(points)
 
 
-def test_a_goal_that_turns_back_is_followed_at_once() -> None:
+def test_ramp_follows_reversed_goal_at_once() -> None:
     ramp, point = Ramp(CYCLE), START
     for _ in range(20):
-        point = ramp.step(point, moved(-50.0), PACE, CYCLE)
+        point = ramp.step(point, displaced(-50.0), PACE, CYCLE)
     deepest = point
     first = ramp.step(point, START, PACE, CYCLE)
     assert first.position[2] > deepest.position[2]
     assert first.position[2] - deepest.position[2] == pytest.approx(PACE.acceleration * CYCLE**2)
 
 
-def test_a_goal_that_moves_on_is_followed_at_its_speed() -> None:
-    """A goal of 10 mm/s that is told in every cycle: the set point comes behind it at the same speed."""
-    ramp, point, way = Ramp(CYCLE), START, []
+def test_ramp_follows_moving_goal_at_its_speed() -> None:
+    """The goal moves at 10 mm/s and is updated in every cycle; the set point follows at the same speed."""
+    ramp, point, speeds = Ramp(CYCLE), START, []
     for number in range(1, 101):
-        after = ramp.step(point, moved(-0.04 * number), PACE, CYCLE)
-        way.append(math.dist(point.position, after.position) / CYCLE)
+        after = ramp.step(point, displaced(-0.04 * number), PACE, CYCLE)
+        speeds.append(math.dist(point.position, after.position) / CYCLE)
         point = after
-    assert way[-20:] == [pytest.approx(0.01, abs=1e-5)] * 20
-    assert max(way) < 0.015
-    assert math.dist(point.position, moved(-4.0).position) < 0.05e-3
+    assert speeds[-20:] == [pytest.approx(0.01, abs=1e-5)] * 20
+    assert max(speeds) < 0.015
+    assert math.dist(point.position, displaced(-4.0).position) < 0.05e-3
 
 
-def test_a_goal_is_reached_though_packets_come_a_little_early() -> None:
+def test_ramp_reaches_goal_with_early_packets() -> None:
     ramp, point = Ramp(CYCLE), START
     for number in range(20):
-        point = ramp.step(point, moved(-0.2), PACE, CYCLE * (0.99 if number % 2 else 0.97))
-    assert point == moved(-0.2)
+        point = ramp.step(point, displaced(-0.2), PACE, CYCLE * (0.99 if number % 2 else 0.97))
+    assert point == displaced(-0.2)
 
 
-def test_after_a_rest_and_after_a_gap_the_way_begins_anew() -> None:
+def test_ramp_restarts_after_stop_and_after_gap() -> None:
     for interrupt in ("rest", "gap"):
         ramp, point = Ramp(CYCLE), START
         for _ in range(20):
-            point = ramp.step(point, moved(-50.0), PACE, CYCLE)
+            point = ramp.step(point, displaced(-50.0), PACE, CYCLE)
         if interrupt == "rest":
             ramp.rest()
-        after = ramp.step(point, moved(-50.0), PACE, CYCLE if interrupt == "rest" else 0.02)
+        after = ramp.step(point, displaced(-50.0), PACE, CYCLE if interrupt == "rest" else 0.02)
         assert math.dist(point.position, after.position) == pytest.approx(PACE.acceleration * CYCLE**2)
 
 
@@ -124,18 +124,18 @@ def test_after_a_rest_and_after_a_gap_the_way_begins_anew() -> None:
         max_size=60,
     )
 )
-def test_no_packets_and_goals_gain_speed_too_fast_or_lead_beyond(
+def test_ramp_limits_acceleration_and_never_overshoots(
     steps: list[tuple[float, float, float]],
 ) -> None:
     ramp, point, before = Ramp(CYCLE), START, 0.0
-    for passed, mm, degrees in steps:
-        goal = moved(mm, degrees)
-        after = ramp.step(point, goal, PACE, passed)
-        way = math.dist(point.position, after.position)
-        speed = way / min(passed, CYCLE) if passed else 0.0
+    for elapsed, mm, degrees in steps:
+        goal = displaced(mm, degrees)
+        after = ramp.step(point, goal, PACE, elapsed)
+        distance = math.dist(point.position, after.position)
+        speed = distance / min(elapsed, CYCLE) if elapsed else 0.0
         assert speed <= min(PACE.speed, before + PACE.acceleration * CYCLE) + 1e-6
-        assert way <= math.dist(point.position, goal.position) + SLACK
-        if passed:
+        assert distance <= math.dist(point.position, goal.position) + SLACK
+        if elapsed:
             before = speed
         point = after
 
@@ -153,9 +153,9 @@ def test_no_packets_and_goals_gain_speed_too_fast_or_lead_beyond(
         ),
     ],
 )
-def test_a_turn_as_small_as_rounding_holds_no_way_up(begin: Vector, end: Vector) -> None:
+def test_ramp_tiny_rotation_does_not_delay_path(begin: Vector, end: Vector) -> None:
     start, goal = (
         Pose(point.position, (w, -0.9999999999935341, -y, -z))
-        for point, (w, y, z) in ((START, begin), (moved(0.1), end))
+        for point, (w, y, z) in ((START, begin), (displaced(0.1), end))
     )
     assert len(course(goal, start)) < 50

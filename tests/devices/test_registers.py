@@ -1,4 +1,4 @@
-"""A board's registers from outside: URLs, a sensor behind them, the emulated board."""
+"""Registers of a board from the client's side: URLs, a sensor behind them, the emulated board."""
 
 import itertools
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ from protocol.wrench import WrenchFrame
 
 
 class Memory:
-    """A board of plain words that does every command at once, and counts filter2's outputs."""
+    """Board of plain words that executes every command at once, and counts filter2's outputs."""
 
     def __init__(self) -> None:
         self.words = [0] * 0x4000
@@ -89,7 +89,7 @@ class Memory:
 # --- URLs
 
 
-def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
+def test_board_url_has_byte_wire_and_filter() -> None:
     profile = BoardClientProfile()
     assert board_wire("tcp://127.0.0.1:1762", profile) == ("tcp://127.0.0.1:1762", profile)
     assert board_wire("tcp://[::1]:1762?filter=5", profile) == (
@@ -118,7 +118,7 @@ def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
         ("tcp://[h", "Invalid IPv6"),
     ],
 )
-def test_wrong_board_urls(url: str, text: str) -> None:
+def test_board_url_invalid_is_refused(url: str, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         board_wire(url, BoardClientProfile())
 
@@ -130,7 +130,7 @@ def test_wrong_board_urls(url: str, text: str) -> None:
         ("tcp-listen://127.0.0.1:0?baudrate=9600", "a board's wire has no baud rate"),
     ],
 )
-def test_wrong_listening_urls(url: str, text: str) -> None:
+def test_board_listening_url_invalid_is_refused(url: str, text: str) -> None:
     async def main() -> None:
         await serve_board(url, Memory(), ListenerProfile(), Clock.running(), Watcher(print, print))
 
@@ -141,7 +141,7 @@ def test_wrong_listening_urls(url: str, text: str) -> None:
 # --- a sensor in virtual time
 
 
-def test_a_sensor_behind_registers_in_virtual_time() -> None:
+def test_board_sensor_streams_in_virtual_time() -> None:
     frames: list[WrenchFrame] = []
 
     async def main() -> tuple[float, ...] | None:
@@ -176,9 +176,9 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
     assert frames[-1].values == (0, 0, -4096, 0, 0, 0)
 
 
-def test_a_memory_wire_survives_a_lost_client() -> None:
+def test_board_in_memory_survives_lost_client() -> None:
     async def main() -> list[str]:
-        clock, logged, heard = Clock.running(), list[str](), list[bytes]()
+        clock, logged, received = Clock.running(), list[str](), list[bytes]()
         served = await serve_board(
             "memory:b",
             Memory(),
@@ -187,7 +187,7 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
             Watcher(logged.append, logged.append),  # type: ignore[arg-type]
         )
         wire, _ = await connect_board("memory:b", BoardClientProfile(), clock)
-        wire.start(heard.append, lambda error: None)
+        wire.start(received.append, lambda error: None)
         wire.send(b"HELO")
         await clock.sleep_until(clock.now() + 0.1)
         wire.send(encode_request(Request(Op.READ, 1, 0xF8, 1)))
@@ -195,7 +195,7 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
         await wire.aclose()
         await served.aclose()
         statuses = [
-            item.status for item in response_reader().feed(b"".join(heard)) if isinstance(item, Response)
+            item.status for item in response_reader().feed(b"".join(received)) if isinstance(item, Response)
         ]
         assert statuses == [Status.BAD_FRAME, Status.OK]
         return logged
@@ -207,7 +207,7 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
 
 
 def press(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """50 N on the sensor's z axis, always."""
+    """Return a constant force of 50 N on the sensor's z axis."""
     return np.tile([0.0, 0.0, -50.0, 0.0, 0.0, 0.0], (len(times), 1))
 
 
@@ -219,10 +219,10 @@ def board_at(now: float, **profile: object) -> Board:
     )
 
 
-def test_the_start_up_as_written_brings_the_emulated_board_up() -> None:
+def test_board_start_up_of_document_works() -> None:
     begin = now = 4321.5
     registers = board_at(now)
-    # Boot and calibration take longer than the pause after the reset, so that the first look finds nothing.
+    # Boot and calibration take longer than the pause after the reset, so that the first poll finds nothing.
     sequence = start_up(BoardClientProfile())
     answer: tuple[int, ...]
     try:
@@ -267,13 +267,13 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Sen
             assert served.sensor is not None
             sections["robot"] = {"url": served.robot.named_url}
             sections["sensor"] |= {"url": f"{served.sensor.named_url}?filter=2"}
-            takes: dict[type, Any] = {
+            arguments: dict[type, Any] = {
                 CycleRecord: cycles.append,
                 EventRecord: events.append,
                 SensorRecord: frames.append,
             }
             setup = Setup(read_config(sections))
-            async with running(setup, RunLog(clock, [Listener(takes)])) as run:
+            async with running(setup, RunLog(clock, [Listener(arguments)])) as run:
                 result = await run()
                 assert result.outcome is Outcome.COMPLETED, result.text
                 assert run.sensor.lost == 0
@@ -283,7 +283,7 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Sen
 
 
 @pytest.mark.parametrize("mode", ["stream", "poll"])
-def test_the_loop_holds_its_force_over_the_board(mode: str) -> None:
+def test_board_run_holds_force(mode: str) -> None:
     cycles, notices, frames = closed_loop(mode=mode)
     assert "board: sensor model 1, serial number 1001" in notices
     forces = [record.force for record in cycles if record.phase == "track"]

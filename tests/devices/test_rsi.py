@@ -1,4 +1,4 @@
-"""A KUKA robot with RSI in whole runs: the loop closes, runs repeat, and each refusal ends a run in words."""
+"""KUKA robot with RSI in complete runs: force, reproducibility, and refusals with a reason."""
 
 import json
 import math
@@ -30,49 +30,49 @@ SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
 PERIOD = {SLOW: 24}
 AXES = '[robot.rsi]\ncorrection = "axes"\nmode = "%s"\n[cell.rsi]\ncorrection_tag = "None"\nmode = "%s"\n'
 AXES_ABSOLUTE, AXES_RELATIVE = (AXES % (mode, mode) for mode in ("absolute", "relative"))
-"""A program that offers corrections of its axes alone."""
+"""Program that accepts corrections of its axes only."""
 NEAR = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 590.5]\n"
-"""For the head of a file: a start just above the surface, and a sensor that answers soon."""
+"""Start of a file: a position just above the surface, and a sensor that starts quickly."""
 
 CELL = "[cell]\njr3.gateway.boot_s = 0.2\nstart_position_mm = [900.0, -100.0, 59%s]\n"
 UNDER_GUARD = CELL % "0.5" + "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
-"""For runs that a fault ends."""
+"""Settings for runs that a fault ends."""
 WAVE = CELL % "1.0" + '[cell.surface]\nkind = "sinusoidal"\namplitude_mm = 5.0\nperiod_mm = 200.0\n'
-"""A contour that rises and falls."""
+"""Contour that rises and falls."""
 
 
-def written(place: Path, more: str = "") -> Path:
-    file = place / "rsi.toml"
+def write_config(folder: Path, more: str = "") -> Path:
+    file = folder / "rsi.toml"
     near = "" if "[cell]" in more else NEAR
     file.write_text(near + BASE.replace("= 20", f"= {PERIOD.get(more, 20)}") + more)
     return file
 
 
-def invoke(place: Path, more: str = "", *arguments: str) -> tuple[int, str]:
-    command = ["run", str(written(place, more)), "--virtual", "--no-view", *arguments]
+def invoke(folder: Path, more: str = "", *arguments: str) -> tuple[int, str]:
+    command = ["run", str(write_config(folder, more)), "--virtual", "--no-view", *arguments]
     result = CliRunner().invoke(cli, command, catch_exceptions=False)
     return result.exit_code, result.output
 
 
 NEXT = "with = { probability = 1.0, "
-"""Begin of the parameters of a fault that strikes every telegram."""
+"""Start of the parameters of a fault that affects every telegram."""
 
 
-def emulated(place: Path, more: str, duration_s: float = 2.0, controller: str | None = None) -> Result:
+def run_emulated(folder: Path, more: str, duration_s: float = 2.0, controller: str | None = None) -> Result:
     text = BASE.replace("period_ms", f"duration_s = {duration_s}\nperiod_ms") + more
-    file = place / "rsi.toml"
+    file = folder / "rsi.toml"
     file.write_text(text)
     return simulate(load_config(file, {"controller.name": controller}))
 
 
-def with_fault(place: Path, on: str, fault: str, more: str = "", given: str = "") -> Result:
-    row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n{given}'
+def with_fault(folder: Path, on: str, fault: str, more: str = "", options: str = "") -> Result:
+    row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n{options}'
     if RSI_FAULTS[on][fault].lasts_s is not None:
         row += "for_s = 0.6\n"
-    return emulated(place, UNDER_GUARD + more + row, duration_s=1.5)
+    return run_emulated(folder, UNDER_GUARD + more + row, duration_s=1.5)
 
 
-def struck(run: Result) -> int:
+def largest_impact(run: Result) -> int:
     (text,) = (event.text for event in run.events if " struck " in event.text)
     return int(text.split(" struck ")[1].split()[0])
 
@@ -85,20 +85,20 @@ def struck(run: Result) -> int:
     ["", ABSOLUTE, SLOW, AXES_ABSOLUTE, AXES_RELATIVE],
     ids=["relative", "absolute", "12 ms", "axes, absolute", "axes, relative"],
 )
-def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
+def test_rsi_run_holds_ten_newtons(more: str, tmp_path: Path) -> None:
     summary = tmp_path / "s.json"
-    code, said = invoke(tmp_path, more, "--duration", "1.5", "--no-record", "--summary", str(summary))
-    assert code == 0, said
-    told = json.loads(summary.read_text())
-    assert told["outcome"] == "completed"
-    assert told["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
-    assert told["figures"]["contact_losses"] == 0
-    assert told["link"]["packets"] == told["link"]["answers"]
-    assert set(told["link"]) == {"packets", "answers"}  # none was late, none was lost
+    code, output = invoke(tmp_path, more, "--duration", "1.5", "--no-record", "--summary", str(summary))
+    assert code == 0, output
+    figures = json.loads(summary.read_text())
+    assert figures["outcome"] == "completed"
+    assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert figures["figures"]["contact_losses"] == 0
+    assert figures["link"]["packets"] == figures["link"]["answers"]
+    assert set(figures["link"]) == {"packets", "answers"}  # no telegram was late or lost
 
 
-def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
-    run = emulated(tmp_path, WAVE, duration_s=3.0)
+def test_rsi_run_holds_force_on_contour(tmp_path: Path) -> None:
+    run = run_emulated(tmp_path, WAVE, duration_s=3.0)
     assert run.outcome is Outcome.COMPLETED
     tracked = [cycle for cycle in run.cycles if cycle.phase == "track"]
     assert all(cycle.in_contact for cycle in tracked)
@@ -110,10 +110,10 @@ def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_corrections_of_axes_keep_the_force_of_cartesian_ones(tmp_path: Path) -> None:
+def test_rsi_axis_corrections_hold_same_force(tmp_path: Path) -> None:
     """The fuzzy-adaptive controller on a contour: the same set points reach the robot by either channel."""
     runs = [
-        emulated(tmp_path, WAVE + channel, 2.0, "fuzzy-adaptive") for channel in (ABSOLUTE, AXES_ABSOLUTE)
+        run_emulated(tmp_path, WAVE + channel, 2.0, "fuzzy-adaptive") for channel in (ABSOLUTE, AXES_ABSOLUTE)
     ]
     forces = [[cycle.force for cycle in run.cycles if cycle.phase == "track"] for run in runs]
     assert len(forces[0]) == len(forces[1]) > 50
@@ -134,25 +134,23 @@ def test_corrections_of_axes_keep_the_force_of_cartesian_ones(tmp_path: Path) ->
         (("robot", "program-restarted"),),
     ],
 )
-def test_the_guard_holds_a_robot_that_is_corrected_by_its_axes(
-    faults: tuple[tuple[str, str], ...], tmp_path: Path
-) -> None:
+def test_rsi_guard_limits_axis_corrections(faults: tuple[tuple[str, str], ...], tmp_path: Path) -> None:
     rows = "".join(
         f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n'
         for on, fault in faults
     )
-    run = emulated(tmp_path, UNDER_GUARD + AXES_ABSOLUTE + rows, duration_s=1.5)
+    run = run_emulated(tmp_path, UNDER_GUARD + AXES_ABSOLUTE + rows, duration_s=1.5)
     assert sum(" struck " in event.text for event in run.events) == len(faults)
     assert run.outcome is Outcome.STOPPED
     assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
 @pytest.mark.full
-def test_runs_of_one_seed_are_the_same_to_the_byte_and_replay_is_identical(tmp_path: Path) -> None:
+def test_rsi_runs_with_same_seed_are_identical(tmp_path: Path) -> None:
     records = [tmp_path / f"{name}.mcap" for name in ("one", "again")]
     for record in records:
-        code, said = invoke(tmp_path, "", "--duration", "0.5", "--seed", "7", "--record", str(record))
-        assert code == 0, said
+        code, output = invoke(tmp_path, "", "--duration", "0.5", "--seed", "7", "--record", str(record))
+        assert code == 0, output
     assert records[0].read_bytes() == records[1].read_bytes()
     for command in ("replay", "latency"):
         result = CliRunner().invoke(cli, [command, str(records[0])], catch_exceptions=False)
@@ -164,31 +162,31 @@ def test_runs_of_one_seed_are_the_same_to_the_byte_and_replay_is_identical(tmp_p
     assert devices.robot.servo.marks["interpolation_s"] == "observed"
 
 
-def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -> None:
+def test_rsi_url_selects_kind_and_sections(tmp_path: Path) -> None:
     assert robot_of("rsi+udp-bind://127.0.0.1:49152")[0].name == "rsi"
-    config = load_config(written(tmp_path, ABSOLUTE), {})
+    config = load_config(write_config(tmp_path, ABSOLUTE), {})
     assert settings_of(config, ROBOTS.kind("rsi")).client.mode == "absolute"
-    for wrong, words in [
+    for wrong, text in [
         ('[robot.rsi]\nmode = "both"\n', "relative"),
         ("[robot.rsi]\ncycle_ms = 5\n", "4"),
         ("[cell.rsi]\nlim_mm = -1\n", "lim_mm must be more than 0"),
-        ('[cell.rsi]\nsend = ["a b"]\n', "is no tag"),
+        ('[cell.rsi]\nsend = ["a b"]\n', "is not a valid tag"),
     ]:
-        with pytest.raises(ConfigError, match=words):
-            load_config(written(tmp_path, wrong), {})
+        with pytest.raises(ConfigError, match=text):
+            load_config(write_config(tmp_path, wrong), {})
 
 
 # --- refusals
 
 
 @pytest.mark.parametrize(
-    ("on", "fault", "words"),
+    ("on", "fault", "message"),
     [
         ("robot", "emergency-stop", "its program does not run (ProgStatus 4); release its stops"),
-        ("robot", "stands", "mm from the commanded one, allowed are 2 mm"),
-        ("robot", "limit", "mm from the commanded one, allowed are 2 mm"),
+        ("robot", "stands", "mm from the commanded one, allowed: at most 2 mm"),
+        ("robot", "limit", "mm from the commanded one, allowed: at most 2 mm"),
         ("robot", "guidance-ended", "sent nothing for 0.5 s"),
-        ("robot", "program-restarted", "its program has restarted, or moves by itself"),
+        ("robot", "program-restarted", "its program restarted, or moves by itself"),
         ("robot", "drives-stop", "sent nothing for 0.5 s"),
         ("robot", "out-of-limits", "sent nothing for 0.5 s"),
         ("wire", "off", "sent nothing for 0.5 s"),
@@ -202,17 +200,17 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
         ("wire", "deaf", "answers in a row"),
     ],
 )
-def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: str, tmp_path: Path) -> None:
+def test_rsi_refusal_ends_run_with_one_line(on: str, fault: str, message: str, tmp_path: Path) -> None:
     run = with_fault(tmp_path, on, fault)
-    assert struck(run) > 0
+    assert largest_impact(run) > 0
     assert run.outcome is Outcome.STOPPED
-    assert words in run.text
+    assert message in run.text
     assert "\n" not in run.text
     assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
 @pytest.mark.parametrize(
-    ("fault", "given", "more"),
+    ("fault", "options", "more"),
     [
         ("lost", "", ABSOLUTE),
         ("corrupted", "", ABSOLUTE),
@@ -225,43 +223,43 @@ def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: s
         ("lost", NEXT + 'count = 3, way = "to" }\n', ABSOLUTE),
     ],
 )
-def test_a_network_that_loses_and_repeats_a_little_is_borne(
-    fault: str, given: str, more: str, tmp_path: Path
+def test_rsi_run_tolerates_slightly_lossy_network(
+    fault: str, options: str, more: str, tmp_path: Path
 ) -> None:
-    run = with_fault(tmp_path, "wire", fault, more, given)
-    assert struck(run) > 0
+    run = with_fault(tmp_path, "wire", fault, more, options)
+    assert largest_impact(run) > 0
     assert run.outcome is Outcome.COMPLETED
     forces = [cycle.force for cycle in run.cycles if cycle.phase == "track"][-10:]
     assert statistics.fmean(forces) == pytest.approx(10.0, abs=0.5)
-    # set point and robot stay together, whatever was lost
-    stands = [
+    # set point and robot stay together despite any loss
+    stops = [
         math.dist(cycle.sample.position, cycle.target) for cycle in run.cycles if cycle.phase == "track"
     ][-20:]
-    assert max(stands) == pytest.approx(0.35e-3, abs=0.05e-3)  # the way of the travel in the robot's lag
+    assert max(stops) == pytest.approx(0.35e-3, abs=0.05e-3)  # the distance travelled during the robot's lag
 
 
 @pytest.mark.parametrize(
-    ("fault", "given", "words"),
+    ("fault", "options", "message"),
     [
-        ("turned", "degrees = 2.5", "a tool turned by 2.5° from the start, allowed are 2°"),
+        ("turned", "degrees = 2.5", "a tool turned by 2.5° from the start, allowed: at most 2°"),
         ("offset", "x_mm = 5.0", "the reported position jumped by 5.0 mm"),
         ("drift", "z_mm_s = 20.0", "mm behind all that was ordered in the last "),
-        ("mirrored", 'axis = "y"', "mm from the commanded one, allowed are 2 mm"),
+        ("mirrored", 'axis = "y"', "mm from the commanded one, allowed: at most 2 mm"),
         ("late", "ms = 500.0", "mm"),
-        ("frozen", "", "mm from the commanded one, allowed are 2 mm"),
+        ("frozen", "", "mm from the commanded one, allowed: at most 2 mm"),
     ],
 )
-def test_the_guard_holds_tilt_speed_and_following_of_a_robot_that_streams(
-    fault: str, given: str, words: str, tmp_path: Path
+def test_rsi_guard_limits_tilt_speed_and_following(
+    fault: str, options: str, message: str, tmp_path: Path
 ) -> None:
-    run = with_fault(tmp_path, "pose", fault, given=f"with = {{{given}}}\n")
+    run = with_fault(tmp_path, "pose", fault, options=f"with = {{{options}}}\n")
     assert run.outcome is Outcome.STOPPED
-    assert words in run.text
+    assert message in run.text
     assert run.left.startswith("retracted")
     assert max(cycle.force for cycle in run.cycles) < 20.0
 
 
-def test_every_fault_is_in_one_of_the_tables_above() -> None:
+def test_rsi_every_fault_is_covered() -> None:
     assert {name for faults in RSI_FAULTS.values() for name in faults} == {
         "emergency-stop", "stands", "limit", "guidance-ended", "program-restarted", "drives-stop", "out-of-limits",
         "clock-jump", "offset", "drift", "turned", "mirrored", "late", "frozen", "nan", "missing",
@@ -269,44 +267,42 @@ def test_every_fault_is_in_one_of_the_tables_above() -> None:
     }  # fmt: skip
 
 
-def test_a_run_that_a_refusal_ends_has_exit_code_three(tmp_path: Path) -> None:
+def test_rsi_refused_run_exits_with_code_3(tmp_path: Path) -> None:
     row = '[[faults]]\non = "wire"\nfault = "deaf"\nphase = "track"\nafter_s = 0.2\n'
-    code, said = invoke(tmp_path, row, "--duration", "1", "--no-record")
+    code, output = invoke(tmp_path, row, "--duration", "1", "--no-record")
     assert code == 3
-    assert "it has not taken" in said
+    assert "it has not accepted" in output
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "message"),
     [
-        ('[cell.rsi]\nmode = "absolute"\n', "mm"),  # values are added that should be the whole
+        ('[cell.rsi]\nmode = "absolute"\n', "mm"),  # complete values are added as corrections
         ('[robot.rsi]\nmode = "absolute"\n', "mm"),
         ('[robot.rsi]\nsentype = "Other"\n', "SENTYPE"),
         ('[robot.rsi]\ncorrection_tag = "AKorr"\n', "mm"),
         ("[cell.rsi]\nlim_mm = 0.2\n", "mm"),
         ('[cell.rsi]\nref = "tool"\n', "mm"),
-        ('[robot.rsi]\ncorrection = "axes"\nmode = "absolute"\n', "mm"),  # each whole one is added
+        ('[robot.rsi]\ncorrection = "axes"\nmode = "absolute"\n', "mm"),  # each complete value is added
         ('[robot.rsi]\ncorrection = "axes"\n[cell.rsi]\naxis_tags = ["AKorr"]\n', "mm"),
     ],
 )
-def test_a_robot_that_is_set_up_otherwise_is_refused_before_it_goes_far(
-    more: str, words: str, tmp_path: Path
-) -> None:
-    code, said = invoke(tmp_path, more, "--duration", "1", "--no-record")
-    assert code == 3, said
-    assert words in said
+def test_rsi_setup_mismatch_is_refused_early(more: str, message: str, tmp_path: Path) -> None:
+    code, output = invoke(tmp_path, more, "--duration", "1", "--no-record")
+    assert code == 3, output
+    assert message in output
 
 
-def test_a_robot_without_its_axes_in_its_telegrams_is_refused(tmp_path: Path) -> None:
+def test_rsi_telegrams_without_axes_are_refused(tmp_path: Path) -> None:
     more = '[robot.rsi]\ncorrection = "axes"\n[cell.rsi]\nsend = ["DEF_RIst", "DEF_RSol"]\n'
-    with pytest.raises(DeviceError, match=r"have no AIPos, .* enter DEF_AIPos into"):
+    with pytest.raises(DeviceError, match=r"have no AIPos, .* add DEF_AIPos to"):
         invoke(tmp_path, more, "--duration", "1", "--no-record")
 
 
-def test_the_fault_table_is_that_of_the_emulated_robot(tmp_path: Path) -> None:
+def test_rsi_fault_table_matches_emulated_robot(tmp_path: Path) -> None:
     row = '[[faults]]\non = "wire"\nfault = "unheard"\n'
     with pytest.raises(
-        ConfigError, match="this wire cannot have 'unheard'; it can have off, mute, deaf, lost"
+        ConfigError, match="unknown fault 'unheard' for target 'wire'; known: off, mute, deaf, lost"
     ):
-        load_config(written(tmp_path, row), {})
+        load_config(write_config(tmp_path, row), {})
     assert any("rsi" in kind for kind in ROBOTS.names)

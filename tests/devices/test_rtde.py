@@ -1,4 +1,4 @@
-"""The robot over RTDE in a whole run, and the force source: in virtual time."""
+"""Robot over RTDE in a complete run, and the force source, in virtual time."""
 
 import asyncio
 import json
@@ -54,10 +54,10 @@ START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
 
 class Runs:
-    """Runs of the command, each with its exit code, its text and its files."""
+    """Runs of the command, each with its exit code, output and files."""
 
-    def __init__(self, place: Path) -> None:
-        self.place = place
+    def __init__(self, folder: Path) -> None:
+        self.place = folder
         self.number = 0
 
     def __call__(self, more: str = "", duration: float = 2.0, period: float = 20.0) -> tuple[int, str, Path]:
@@ -80,19 +80,19 @@ def runs(tmp_path: Path) -> Runs:
 
 
 def summary_of(record: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(record.with_suffix(".json").read_text())
-    return found
+    result: dict[str, Any] = json.loads(record.with_suffix(".json").read_text())
+    return result
 
 
 @pytest.mark.full
-def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(runs: Runs) -> None:
-    code, told, first = runs()
-    assert code == 0, told
+def test_rtde_run_holds_force_and_is_reproducible(runs: Runs) -> None:
+    code, output, first = runs()
+    assert code == 0, output
     summary = summary_of(first)
     assert summary["outcome"] == "completed"
     assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
     assert summary["link"]["answers"] == summary["link"]["packets"] > 1000
-    assert "left: retracted" in told
+    assert "left: retracted" in output
     _, _, second = runs()
     assert first.read_bytes() == second.read_bytes()
     replayed = CliRunner().invoke(cli, ["replay", str(first)], catch_exceptions=False)
@@ -103,46 +103,46 @@ def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(r
 
 
 @pytest.mark.full
-def test_it_holds_ten_newtons_along_a_contour(runs: Runs) -> None:
+def test_rtde_run_holds_force_along_contour(runs: Runs) -> None:
     surface = (
         "[frame]\nfollow_normal = true\n[cell]\njr3.gateway.boot_s = 0.2\n"
         "start_position_mm = [900, -100, 591]\n[cell.surface]\nkind = 'sinusoidal'\n"
         "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
     )
-    code, told, record = runs(surface, duration=4.0)
-    assert code == 0, told
-    # The joints wander by 0.1 mrad behind their targets: 0.1 mm of this tool, and 0.5 N of this surface.
+    code, output, record = runs(surface, duration=4.0)
+    assert code == 0, output
+    # The joints lag their targets by up to 0.1 mrad: 0.1 mm of this tool, and 0.5 N of this surface.
     assert summary_of(record)["force_mean_steady_n"] == pytest.approx(10.0, abs=1.0)
-    assert "contact losses 0" in told
+    assert "contact losses 0" in output
 
 
-def test_a_cb3_at_eight_milliseconds_holds_them_too(runs: Runs) -> None:
+def test_rtde_run_with_cb3_cycle_holds_force(runs: Runs) -> None:
     cb3 = "[robot.rtde]\ncycle_ms = 8\n[cell.rtde]\ncycle_ms = 8\nmodel = 'ur10'\nversion = '3.15.0.0'\n"
-    code, told, record = runs(cb3, duration=2.0, period=24.0)
-    assert code == 0, told
+    code, output, record = runs(cb3, duration=2.0, period=24.0)
+    assert code == 0, output
     assert summary_of(record)["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
 
 
 @pytest.mark.parametrize(
-    ("on", "fault", "words"),
+    ("on", "fault", "message"),
     [
         ("robot", "protective-stop", "protective stop"),
         ("robot", "emergency-stop", "emergency stop"),
         ("robot", "program-stopped", "our program is stopped"),
         ("wire", "dropped", "the peer closed"),
-        ("wire", "mute", "nothing came for 100 ms"),
+        ("wire", "mute", "nothing received for 100 ms"),
         ("pose", "nan", "(nan, nan, nan)"),
     ],
 )
-def test_a_refusal_ends_a_run_with_a_plain_line(runs: Runs, on: str, fault: str, words: str) -> None:
-    code, told, _ = runs(f"[[faults]]\non = '{on}'\nfault = '{fault}'\nwhen = 'force > 8'\n", duration=1.0)
+def test_rtde_refusal_ends_run_with_one_line(runs: Runs, on: str, fault: str, message: str) -> None:
+    code, output, _ = runs(f"[[faults]]\non = '{on}'\nfault = '{fault}'\nwhen = 'force > 8'\n", duration=1.0)
     assert code == 3
-    assert words in told
-    assert "left: NOT retracted" in told
+    assert message in output
+    assert "left: NOT retracted" in output
 
 
 @pytest.mark.parametrize(
-    ("more", "code", "words"),
+    ("more", "code", "message"),
     [
         ("[cell.rtde]\nremote_control = false\n", 3, "it is in local control; switch it to Remote Control"),
         ("[[faults]]\non = 'robot'\nfault = 'in-use'\n", 3, "another client holds its input registers"),
@@ -152,16 +152,16 @@ def test_a_refusal_ends_a_run_with_a_plain_line(runs: Runs, on: str, fault: str,
         ("[cell.rtde]\nversion = '3.15.0.0'\n", 2, "must be 5.0.0.0 or later for model ur10e"),
     ],
 )
-def test_a_run_that_cannot_begin_says_why(runs: Runs, more: str, code: int, words: str) -> None:
-    found, told, _ = runs(more, duration=0.5)
-    assert words in told
-    assert found == code
+def test_rtde_run_that_cannot_begin_reports_reason(runs: Runs, more: str, code: int, message: str) -> None:
+    result, output, _ = runs(more, duration=0.5)
+    assert message in output
+    assert result == code
 
 
 # --- addresses
 
 
-def test_one_url_names_all_ports() -> None:
+def test_rtde_url_defines_all_ports() -> None:
     address = parse_address("tcp://127.0.0.1:41000?dashboard=41001&script=41002")
     assert dict(address.ports) == {Port.RTDE: 41000, Port.DASHBOARD: 41001, Port.SCRIPT: 41002}
     assert parse_address("tcp://10.0.0.5").wire.host_port == ("10.0.0.5", 30004)
@@ -183,7 +183,7 @@ def test_one_url_names_all_ports() -> None:
         "memory:",
     ],
 )
-def test_a_url_that_names_no_controller_is_refused_in_one_line(url: str) -> None:
+def test_rtde_invalid_url_is_refused_in_one_line(url: str) -> None:
     with pytest.raises(ConfigError) as refused:
         parse_address(url)
     assert "\n" not in str(refused.value)
@@ -195,7 +195,7 @@ CONFIG = read_config({"robot": {"emulated": "rtde"}})
 
 
 async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any]) -> Any:
-    """Do something with an emulated robot in memory."""
+    """Call a function with an emulated robot in memory."""
     clock = Clock.running()
     robot = RtdeRobot(EXACT, START, clock.now(), 7)
     async with AsyncExitStack() as stack:
@@ -208,7 +208,7 @@ async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any
 
 
 @pytest.mark.parametrize("mass", [0.0, 0.5])
-def test_the_force_of_the_surface_comes_out_of_the_controller(mass: float) -> None:
+def test_force_source_sets_force_of_controller(mass: float) -> None:
     async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> float:
         robot.controller.force.carry(mass, (0.03, 0.0, 0.05))
         stopped = asyncio.Event()
@@ -230,17 +230,19 @@ def test_the_force_of_the_surface_comes_out_of_the_controller(mass: float) -> No
         assert force[4] == pytest.approx(-moment, abs=0.05)
         await link.aclose()
         stopped.set()
-        found = await source
+        result = await source
         await clock.sleep_until(clock.now() + 0.01)
         robot.controller.advance(clock.now())
-        assert robot.controller.snapshots[0].force == pytest.approx((0.0,) * 6, abs=1e-9), "it is taken away"
+        assert robot.controller.snapshots[0].force == pytest.approx((0.0,) * 6, abs=1e-9), (
+            "the force is removed"
+        )
         assert robot.controller.player.runtime == Runtime.STOPPED
-        return float(found.largest_n)
+        return float(result.largest_n)
 
     assert run_virtual(lambda: with_robot(act)) == pytest.approx(10.0, abs=1.0)
 
 
-def test_two_force_sources_cannot_feed_one_controller() -> None:
+def test_force_source_second_instance_is_refused() -> None:
     async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> None:
         stopped = asyncio.Event()
         first = asyncio.create_task(feed("rtde+memory:ur", CONFIG, ForceOptions(), wiring(), stopped))
@@ -253,17 +255,17 @@ def test_two_force_sources_cannot_feed_one_controller() -> None:
     run_virtual(lambda: with_robot(act))
 
 
-def test_too_large_a_force_ends_the_source() -> None:
+def test_force_source_stops_at_excessive_force() -> None:
     deep = read_config({"cell": {"surface": {"height_mm": 650.0}}})
 
     async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> None:
-        with pytest.raises(DeviceError, match="the surface force is 250 N, allowed are 200 N"):
+        with pytest.raises(DeviceError, match="the surface force is 250 N; allowed: at most 200 N"):
             await feed("rtde+memory:ur", deep, ForceOptions(), wiring(), asyncio.Event())
 
     run_virtual(lambda: with_robot(act))
 
 
-def test_a_clock_that_goes_back_ends_the_source() -> None:
+def test_force_source_stops_when_clock_goes_back() -> None:
     source = ForceSource(make_surface(CONFIG), 200.0)
     pose = Pose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0))
     tip = Pose((0.0, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0))
@@ -272,7 +274,7 @@ def test_a_clock_that_goes_back_ends_the_source() -> None:
         source.wrench(Seen(99.0, pose, (0.0, 0.0, 0.0), tip))
 
 
-def test_a_robot_of_another_kind_takes_no_force() -> None:
+def test_force_source_refuses_other_kinds_of_robot() -> None:
     with pytest.raises(ConfigError, match="a s3 accepts no external force"):
         CliRunner().invoke(
             cli, ["emulate", "force-source", "s3+tcp://127.0.0.1:4000"], catch_exceptions=False
@@ -280,16 +282,16 @@ def test_a_robot_of_another_kind_takes_no_force() -> None:
 
 
 @pytest.mark.parametrize(
-    ("packet", "words"),
+    ("packet", "message"),
     [
         (packets.accepted(Kind.VERSION, False), "refuses to speak version 2"),
-        (packets.HEADER.pack(1, Kind.DATA), "speaks no RTDE"),
+        (packets.HEADER.pack(1, Kind.DATA), "does not speak RTDE"),
     ],
 )
-def test_the_force_client_says_in_words_what_is_wrong(packet: bytes, words: str) -> None:
+def test_force_client_reports_errors_as_text(packet: bytes, message: str) -> None:
     client = ForceClient(500.0, True, 0.0)
     client.receive((Piece(Port.RTDE, packet),), 0.1)
     event = client.next_event()
     assert isinstance(event, Lost)
-    assert words in event.text
+    assert message in event.text
     assert client.next_deadline() is None

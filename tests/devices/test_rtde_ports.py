@@ -22,7 +22,7 @@ ALL = ("timestamp", *(f"output_double_register_{number}" for number in range(48)
 
 
 class Client:
-    """The data that came over a wire, and its end."""
+    """Data received over a wire, and its end."""
 
     def __init__(self, wire: Any) -> None:
         self.wire = wire
@@ -38,7 +38,7 @@ class Client:
 
 
 class Site:
-    """A controller with its ports in memory."""
+    """Controller with its ports in memory."""
 
     def __init__(self, clock: Clock, robot: RtdeRobot, serving: Serving) -> None:
         self.clock, self.robot, self.serving = clock, robot, serving
@@ -64,7 +64,7 @@ def at_site(act: Callable[[Site], Awaitable[None]], profile: RtdeProfile | None 
     run_virtual(run)
 
 
-def test_many_clients_take_data_at_a_time_and_a_name_is_taken_once() -> None:
+def test_rtde_serves_many_clients_and_reserves_inputs_once() -> None:
     async def act(site: Site) -> None:
         clients = [(await site.client()).start() for _ in range(3)]
         for client in clients:
@@ -87,26 +87,26 @@ def test_many_clients_take_data_at_a_time_and_a_name_is_taken_once() -> None:
     at_site(act)
 
 
-def test_a_client_that_leaves_gives_its_inputs_back() -> None:
+def test_rtde_disconnected_client_releases_inputs() -> None:
     async def act(site: Site) -> None:
-        wanted = packets.inputs_request(("input_int_register_0",))
+        request = packets.inputs_request(("input_int_register_0",))
         first = (await site.client()).start()
-        first.wire.send(wanted)
+        first.wire.send(request)
         await site.wait()
         second = (await site.client()).start()
-        second.wire.send(wanted)
+        second.wire.send(request)
         await site.wait()
         assert b"IN_USE" in second.got
         await first.wire.aclose()
         await site.wait()
-        second.wire.send(wanted)
+        second.wire.send(request)
         await site.wait()
         assert second.got.endswith(b"INT32")
 
     at_site(act)
 
 
-def test_a_client_that_does_not_read_is_disconnected_and_the_others_are_not() -> None:
+def test_rtde_client_that_does_not_read_is_disconnected() -> None:
     async def act(site: Site) -> None:
         deaf, awake = await site.client(), (await site.client()).start()
         for client in (deaf, awake):
@@ -124,7 +124,7 @@ def test_a_client_that_does_not_read_is_disconnected_and_the_others_are_not() ->
     at_site(act)
 
 
-def test_a_client_too_many_is_let_in_and_closed() -> None:
+def test_rtde_surplus_client_is_closed() -> None:
     async def act(site: Site) -> None:
         await site.client()
         second = (await site.client()).start()
@@ -135,7 +135,7 @@ def test_a_client_too_many_is_let_in_and_closed() -> None:
     at_site(act, RtdeProfile(max_clients=1))
 
 
-def test_the_dashboard_says_goodbye_and_closes_and_takes_the_next_one() -> None:
+def test_dashboard_quits_and_accepts_next_client() -> None:
     async def act(site: Site) -> None:
         for _ in range(3):
             client = (await site.client("ur-dashboard")).start()
@@ -149,7 +149,7 @@ def test_the_dashboard_says_goodbye_and_closes_and_takes_the_next_one() -> None:
     at_site(act)
 
 
-def test_garbage_closes_the_connection_that_sent_it_alone() -> None:
+def test_rtde_garbage_closes_only_its_connection() -> None:
     async def act(site: Site) -> None:
         good, bad = (await site.client()).start(), (await site.client()).start()
         bad.wire.send(b"\x00\x01U" + bytes(5000))

@@ -1,4 +1,4 @@
-"""Runs over RTDE whose robot plays a user's program too: equal to the byte, and decided again to the bit."""
+"""Runs over RTDE whose robot also executes a user's program: identical recordings and replays."""
 
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ end_force_mode()
 movel(pose_add(get_actual_tcp_pose(), p[0.002 * random(), 0, 0.001, 0, 0, 0]), a=1, v=0.01)
 sleep(60)
 """
-BESIDE = "sec beside():\n  set_standard_digital_out(1, random() > 0.5)\n  textmsg(random())\nend\n"
+SECONDARY_PROGRAM = "sec beside():\n  set_standard_digital_out(1, random() > 0.5)\n  textmsg(random())\nend\n"
 
 
 def config_of(folder: Path, seed: int) -> dict[str, Any]:
@@ -46,15 +46,17 @@ def config_of(folder: Path, seed: int) -> dict[str, Any]:
     }
 
 
-async def run_beside(folder: Path, seed: int, record: Path, takes_over: bool) -> hil_bridge.Result:
-    """Secondary programs run beside ours; then a stored program may take the arm, and presses in force mode."""
+async def run_with_secondary_program(
+    folder: Path, seed: int, record: Path, takes_over: bool
+) -> hil_bridge.Result:
+    """Run secondary programs in addition to the bridge's; then a stored program may control the arm in force mode."""
     async with hil_bridge.simulation(config_of(folder, seed)) as run:
         assert run.cell is not None
         robot, clock = run.cell.robot, run.clock
         dashboard, script = (robot.connect(port, clock.now()) for port in (Port.DASHBOARD, Port.SCRIPT))
         for phase in ("approach", "track"):
             await run.reached(phase)
-            script.receive(BESIDE.encode(), clock.now())
+            script.receive(SECONDARY_PROGRAM.encode(), clock.now())
         if takes_over:
             dashboard.receive(b"stop\nload presses.urp\nplay\n", clock.now())
         await run.finished()
@@ -77,13 +79,11 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("takes_over", [False, True])
-def test_two_runs_of_a_seed_are_equal_to_the_byte_and_replay(
-    folder: Path, tmp_path: Path, takes_over: bool
-) -> None:
+def test_runs_with_program_are_reproducible(folder: Path, tmp_path: Path, takes_over: bool) -> None:
     records = []
     for number, seed in enumerate((3, 3, 4)):
         record = tmp_path / f"{number}.mcap"
-        run = partial(run_beside, folder, seed, record, takes_over)
+        run = partial(run_with_secondary_program, folder, seed, record, takes_over)
         result = hil_bridge.run_virtual(run)
         assert result.outcome == ("stopped" if takes_over else "completed")
         records.append(record)

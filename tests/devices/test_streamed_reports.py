@@ -1,4 +1,4 @@
-"""The reports of a robot that drives the cycle over any network, and what a run makes of them."""
+"""Reports of a robot that drives the cycle, over any network, and their use by a run."""
 
 import asyncio
 import itertools
@@ -32,7 +32,7 @@ from tests.devices.streamed_toy import (
     START,
     Cell,
     ToyClient,
-    moved,
+    displaced,
     run_cell,
 )
 
@@ -44,13 +44,13 @@ NO_SENSOR: Any = SimpleNamespace(
 # --- reports
 
 
-def test_a_report_is_handed_out_once_while_fresh() -> None:
+def test_stream_report_is_returned_once_while_fresh() -> None:
     async def script(cell: Cell) -> None:
         first = await cell.link.ready()
         again = await cell.link.report()
         assert again.sequence == first.sequence + 1
         assert cell.clock.now() == again.received_at == again.pose_at
-        await cell.wait(0.02 + CYCLE / 2)  # a beat of a control period
+        await cell.wait(0.02 + CYCLE / 2)  # one control period
         now = cell.clock.now()
         newest = await cell.link.report()
         assert (cell.clock.now(), newest.sequence) == (now, again.sequence + 5)
@@ -61,12 +61,12 @@ def test_a_report_is_handed_out_once_while_fresh() -> None:
         await cell.wait(3 * CYCLE)
         cell.clock.call_at(cell.clock.now() + 0.1, cell.robot.send)
         old = cell.robot.sent
-        assert (await cell.link.report()).sequence == old + 1, "an old report was handed out"
+        assert (await cell.link.report()).sequence == old + 1, "an old report was returned"
 
     run_cell(script)
 
 
-def test_a_robot_that_does_not_speak_says_what_to_do() -> None:
+def test_stream_silent_robot_reports_remedy() -> None:
     async def never(cell: Cell) -> None:
         with pytest.raises(DeviceError, match=r"robot on udp.* sent nothing for 10 s; start its program"):
             await cell.link.ready()
@@ -77,26 +77,26 @@ def test_a_robot_that_does_not_speak_says_what_to_do() -> None:
             cell.robot.silent = True
             await cell.wait(SILENT_S + CYCLE)
             with pytest.raises(DeviceError, match=r"sent nothing for 0\.5 s; check that its program"):
-                await motion.to(moved(1.0))
+                await motion.to(displaced(1.0))
             with pytest.raises(DeviceError, match=r"sent nothing for 0\.5 s; check that its program"):
                 await cell.link.report()
             assert not motion.ordered
             cell.robot.silent = False
             await cell.link.report()
-            await motion.to(moved(1.0))
+            await motion.to(displaced(1.0))
 
     run_cell(never, starts=False)
-    assert run_cell(no_more).robot.pose == moved(1.0)
+    assert run_cell(no_more).robot.pose == displaced(1.0)
 
 
-def test_a_lossy_network_costs_time_and_nothing_else() -> None:
+def test_stream_on_lossy_network_only_takes_longer() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
             for number in range(40):
-                await motion.to(moved(0.2 * number))
+                await motion.to(displaced(0.2 * number))
                 await cell.wait(0.02)
-            await motion.to(moved(4.0))
+            await motion.to(displaced(4.0))
             await motion.settled()
         sent, arrived = cell.robot.sent, cell.link.counters["packets"]
         assert 0.5 * sent < arrived < sent
@@ -110,15 +110,15 @@ def test_a_lossy_network_costs_time_and_nothing_else() -> None:
             {sequence: pose for _, sequence, moving, pose in cell.robot.answers if moving}.items()
         )
     ]
-    assert moved(4.0) == in_order[-1]
+    assert displaced(4.0) == in_order[-1]
     for before, after in itertools.pairwise(cell.robot.setpoints):
         assert math.dist(before.position, after.position) <= 40 * SPEED * CYCLE
 
 
-def test_packets_that_were_held_up_and_come_together_make_one_step() -> None:
+def test_stream_delayed_packets_cause_single_step() -> None:
     answering = SetpointResponder(ToyClient(), CYCLE)
     answering.begin(START, LIMITS, 1000.0)
-    answering.aim(moved(10.0), 1000.0)
+    answering.aim(displaced(10.0), 1000.0)
     answering.receive(
         [PACKET.pack(k, *START.position, *DOWN, False) for k in range(1, 21)], 1000.0 + 20 * CYCLE
     )
@@ -126,10 +126,10 @@ def test_packets_that_were_held_up_and_come_together_make_one_step() -> None:
     assert answers == [pytest.approx(START.position[0] + SPEED * CYCLE)] * 20
 
 
-def test_a_packet_that_comes_again_is_answered_as_before() -> None:
+def test_stream_duplicate_packet_gets_same_answer() -> None:
     answering = SetpointResponder(ToyClient(), CYCLE)
     answering.begin(START, LIMITS, 1000.0)
-    answering.aim(moved(10.0), 1000.0)
+    answering.aim(displaced(10.0), 1000.0)
     answers = []
     for number, at in ((5, CYCLE), (5, 2 * CYCLE), (4, 3 * CYCLE), (6, 4 * CYCLE)):
         answering.receive([PACKET.pack(number, *START.position, *DOWN, False)], 1000.0 + at)
@@ -138,7 +138,7 @@ def test_a_packet_that_comes_again_is_answered_as_before() -> None:
     assert answering.counters["stale packets"] == 2
 
 
-def test_an_answer_that_comes_later_than_a_cycle_is_counted() -> None:
+def test_stream_late_answer_is_counted() -> None:
     answering = SetpointResponder(ToyClient(), CYCLE)
 
     class Late(bytes):
@@ -152,21 +152,21 @@ def test_an_answer_that_comes_later_than_a_cycle_is_counted() -> None:
     packets = [Late(PACKET.pack(number, *START.position, *DOWN, False)) for number in (3, 4, 5)]
     answering.receive(packets, 1001.0)
     answering.data_to_send(1001.0)
-    assert answering.counters["late answers"] == 4, "packets that were held up together were each late"
+    assert answering.counters["late answers"] == 4, "each packet that was delayed with others is late"
 
 
-def test_what_the_robot_ends_itself_is_told_in_its_words() -> None:
+def test_stream_end_by_robot_is_reported() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(100.0))
+            await motion.to(displaced(100.0))
             cell.client._events.append(StreamLost("its program ended; start it again"))
             with pytest.raises(DeviceError, match=r"robot on .*: its program ended; start it again"):
                 await cell.link._next_packet()
             with pytest.raises(
                 DeviceError, match="its program ended; start it again; begin another movement"
             ):
-                await motion.to(moved(0.0))
+                await motion.to(displaced(0.0))
             motion.abandon()
 
     cell = run_cell(script)
@@ -174,7 +174,7 @@ def test_what_the_robot_ends_itself_is_told_in_its_words() -> None:
     assert cell.notices == ["robot on udp+memory:robot: its program ended; start it again"]
 
 
-def test_a_wire_that_is_closed_ends_all_waiting() -> None:
+def test_stream_closed_wire_ends_pending_waits() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
 
@@ -187,7 +187,7 @@ def test_a_wire_that_is_closed_ends_all_waiting() -> None:
                 with pytest.raises(TransportClosed):
                     await waiting
                 with pytest.raises(TransportClosed):
-                    await motion.to(moved(1.0))
+                    await motion.to(displaced(1.0))
                 await cell.link.report()
 
         with pytest.raises(TransportClosed):
@@ -196,7 +196,7 @@ def test_a_wire_that_is_closed_ends_all_waiting() -> None:
     assert run_cell(script).client.calls == ["begin", "end"]
 
 
-def test_a_robot_without_a_cycle_cannot_stream() -> None:
+def test_stream_without_cycle_is_refused() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire = (await listen_datagrams("udp+memory:robot", clock)).transport
@@ -210,20 +210,20 @@ def test_a_robot_without_a_cycle_cannot_stream() -> None:
 # --- what a run makes of it
 
 
-def test_a_small_step_is_waited_for_until_it_is_reported() -> None:
+def test_stream_small_step_waits_for_report() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         steps = SmallSteps(cell.clock, cell.link, NO_SENSOR)
         async with cell.link.motion(MotionLimits(0.002, hold_after=0.1)) as motion:
             began = cell.clock.now()
-            report = await steps.to(motion, moved(0.5).position, DOWN, 0.5e-3)
+            report = await steps.to(motion, displaced(0.5).position, DOWN, 0.5e-3)
             assert cell.clock.now() - began == pytest.approx(0.25, abs=6 * CYCLE)
-            assert report.pose == cell.robot.pose == moved(0.5)
+            assert report.pose == cell.robot.pose == displaced(0.5)
 
     run_cell(script)
 
 
-def test_a_tool_is_retracted_only_where_the_robot_tells_so() -> None:
+def test_stream_retraction_needs_reported_position() -> None:
     rests: list[tuple[float, float]] = []
 
     async def script(cell: Cell) -> None:
@@ -237,18 +237,18 @@ def test_a_tool_is_retracted_only_where_the_robot_tells_so() -> None:
         rests.append(await fallback.rest(START.position, START.position, True))
 
     run_cell(script)
-    told, unasked, silent = (depth for depth, _ in rests)
-    assert told == 0.0
+    reported, unasked, silent = (depth for depth, _ in rests)
+    assert reported == 0.0
     assert math.isnan(unasked)
     assert math.isnan(silent)
 
 
-def test_a_retraction_is_judged_again_after_each_step() -> None:
+def test_stream_retraction_is_checked_after_each_step() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         config, blamed = Config(), list[Reason]()
         state = Setup(config).loop.initial(START.position)
-        deep = replace(state.supervisor, depth=0.01, position=moved(0.0, -10.0).position)
+        deep = replace(state.supervisor, depth=0.01, position=displaced(0.0, -10.0).position)
         cell.robot.pose = Pose(deep.position, DOWN)
         await cell.wait(2 * CYCLE)
         async with cell.link.motion(LIMITS) as motion:
@@ -258,8 +258,8 @@ def test_a_retraction_is_judged_again_after_each_step() -> None:
                 halted = False
 
                 async def to(self, target: Pose, *, soon: bool = False) -> Sent:
-                    given = cell.robot.setpoints[-1:] or [cell.robot.pose]
-                    assert not ordered or given[0] == ordered[-1], "the way before was not over"
+                    reached = cell.robot.setpoints[-1:] or [cell.robot.pose]
+                    assert not ordered or reached[0] == ordered[-1], "the previous movement had not ended"
                     ordered.append(target)
                     return await motion.to(target, soon=soon)
 

@@ -1,4 +1,4 @@
-"""The shell of robots that drive the cycle, with a small client and robot: answers, movements and their bounds."""
+"""Link of robots that drive the cycle, with a small client and robot: answers, movements and their limits."""
 
 import asyncio
 import itertools
@@ -25,50 +25,50 @@ from tests.devices.streamed_toy import (
     ToyClient,
     angle,
     check_bounded,
-    moved,
+    displaced,
     run_cell,
 )
 
 # --- answers
 
 
-def test_each_packet_is_answered_once_and_within_its_own_turn() -> None:
+def test_stream_answers_each_packet_once_at_once() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
             for number in range(50):
-                await motion.to(moved(number * 0.1))
+                await motion.to(displaced(number * 0.1))
                 await cell.wait(0.02)
 
     cell = run_cell(script, "?latency_ms=0.5")
     answers = cell.robot.answers
     assert [sequence for _, sequence, _, _ in answers] == list(range(1, len(answers) + 1))
-    took = [at - answers[0][0] - CYCLE * (sequence - 1) for at, sequence, _, _ in answers]
-    assert took == [pytest.approx(0.0, abs=1e-9)] * len(answers)  # twice the latency and not a moment more
+    delays = [at - answers[0][0] - CYCLE * (sequence - 1) for at, sequence, _, _ in answers]
+    assert delays == [pytest.approx(0.0, abs=1e-9)] * len(answers)  # exactly twice the latency
     assert cell.link.counters["late answers"] == 0
     assert set(cell.link.counters) - {"late answers"} == {"packets", "answers"}
 
 
-def test_an_answer_carries_the_newest_target() -> None:
+def test_stream_answer_contains_newest_target() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(100.0))
-            await motion.to(moved(-0.1))
+            await motion.to(displaced(100.0))
+            await motion.to(displaced(-0.1))
             await cell.wait(1.5 * CYCLE)
-            assert cell.robot.setpoints[-1].position == pytest.approx(moved(-0.1).position)
+            assert cell.robot.setpoints[-1].position == pytest.approx(displaced(-0.1).position)
 
     run_cell(script)
 
 
-def test_a_far_target_is_reached_at_the_limits_speed_exactly() -> None:
+def test_stream_reaches_far_target_at_speed_limit() -> None:
     times = []
 
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
             began = cell.clock.now()
-            sent = await motion.to(moved(5.0))
+            sent = await motion.to(displaced(5.0))
             assert (sent.begun_at, math.isnan(sent.left_at), math.isnan(sent.accepted_at)) == (
                 began,
                 True,
@@ -77,21 +77,21 @@ def test_a_far_target_is_reached_at_the_limits_speed_exactly() -> None:
             await motion.settled()
             times.append(cell.clock.now() - began)
             motion.speed = SPEED / 2
-            await motion.to(moved(0.0))
+            await motion.to(displaced(0.0))
             await motion.settled()
             times.append(cell.clock.now() - began - times[0])
             assert motion.commanded == START.position
 
     cell = run_cell(script)
     assert times == [pytest.approx(0.1, abs=3 * CYCLE), pytest.approx(0.2, abs=3 * CYCLE)]
-    assert moved(5.0) in cell.robot.setpoints
+    assert displaced(5.0) in cell.robot.setpoints
     assert cell.robot.setpoints[-1] == START
     check_bounded(cell.robot.setpoints)
 
 
-def test_a_turn_is_bounded_too_and_ends_with_the_way() -> None:
+def test_stream_limits_rotation_and_ends_it_with_path() -> None:
     half = math.radians(10.0) / 2.0
-    turned = Pose(moved(1.0).position, (0.0, math.cos(half), math.sin(half), 0.0))
+    turned = Pose(displaced(1.0).position, (0.0, math.cos(half), math.sin(half), 0.0))
 
     async def script(cell: Cell) -> None:
         await cell.link.ready()
@@ -117,51 +117,53 @@ def test_a_turn_is_bounded_too_and_ends_with_the_way() -> None:
         max_size=60,
     )
 )
-def test_no_packets_and_targets_move_the_set_point_too_fast(
+def test_stream_never_moves_set_point_too_fast(
     course: list[tuple[float, int, float, bool]],
 ) -> None:
-    """Packets that come in bursts, twice, late or not at all, and targets at any time."""
+    """Packets arrive in bursts, twice, late or not at all, and targets change at any time."""
     client = ToyClient()
     answering = SetpointResponder(client, CYCLE)
     now, number = 1000.0, 10
     answering.begin(START, LIMITS, now)
-    seen, at = [START], [now]
+    poses, at = [START], [now]
     for pause, step, target, again in course:
         now += pause
         number += 0 if again else step
         if again:
-            answering.aim(moved(target), now)
+            answering.aim(displaced(target), now)
         packets = [PACKET.pack(number, *START.position, *DOWN, False)] * (2 if again else 1)
         answering.receive(packets, now)
         answers = [ANSWER.unpack(answer) for answer in answering.data_to_send(now)]
         assert len(answers) == len(packets)
         for answer in answers:
             assert answer[1]
-            seen.append(Pose(answer[2:5], answer[5:9]))
+            poses.append(Pose(answer[2:5], answer[5:9]))
             at.append(now)
-    check_bounded(seen)
-    for first, last in itertools.combinations(range(0, len(seen), 5), 2):
-        way = math.dist(seen[first].position, seen[last].position)
-        passed = at[last] - at[first] + CYCLE  # a step may make up for a packet that came before
-        assert way <= SPEED * passed + SLACK, "a burst adds up to a jump"
+    check_bounded(poses)
+    for first, last in itertools.combinations(range(0, len(poses), 5), 2):
+        distance = math.dist(poses[first].position, poses[last].position)
+        elapsed = at[last] - at[first] + CYCLE  # a step may compensate for an earlier packet
+        assert distance <= SPEED * elapsed + SLACK, "a burst causes a jump"
 
 
 # --- the dead-man's switch
 
 
-def test_a_silent_controller_has_the_robot_held_on_its_way() -> None:
+def test_stream_without_new_target_holds_set_point() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(100.0))
+            await motion.to(displaced(100.0))
             await cell.wait(LIMITS.hold_after + 2 * CYCLE)
-            held = cell.robot.pose
-            assert held.position[0] - 0.9 == pytest.approx(SPEED * LIMITS.hold_after, abs=SPEED * 2 * CYCLE)
+            set_point = cell.robot.pose
+            assert set_point.position[0] - 0.9 == pytest.approx(
+                SPEED * LIMITS.hold_after, abs=SPEED * 2 * CYCLE
+            )
             await cell.wait(0.5)
-            assert cell.robot.pose == held
-            await motion.to(moved(100.0))
+            assert cell.robot.pose == set_point
+            await motion.to(displaced(100.0))
             await cell.wait(2 * CYCLE)
-            assert cell.robot.pose.position[0] > held.position[0]
+            assert cell.robot.pose.position[0] > set_point.position[0]
             motion.hold()
 
     cell = run_cell(script)
@@ -171,11 +173,11 @@ def test_a_silent_controller_has_the_robot_held_on_its_way() -> None:
 
 
 @pytest.mark.parametrize("silent", [False, True])
-def test_a_movement_without_targets_is_given_up_in_the_end(silent: bool) -> None:
+def test_stream_without_targets_ends_movement(silent: bool) -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(0.1))
+            await motion.to(displaced(0.1))
             cell.robot.silent = silent
             await cell.wait(LIMITS.give_up_after - 2 * CYCLE)
             assert cell.client.calls == ["begin"]
@@ -186,24 +188,24 @@ def test_a_movement_without_targets_is_given_up_in_the_end(silent: bool) -> None
             with pytest.raises(
                 DeviceError, match="no new target for 2 s: the movement was ended; begin another"
             ):
-                await motion.to(moved(0.2))
+                await motion.to(displaced(0.2))
             motion.abandon()
         await cell.link.report()  # and the link continues
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(0.2))
+            await motion.to(displaced(0.2))
 
     cell = run_cell(script)
     assert cell.client.calls == ["begin", "end"] * 2
-    assert cell.robot.pose == moved(0.2)
+    assert cell.robot.pose == displaced(0.2)
 
 
-def test_a_bug_of_the_caller_leaves_the_robot_where_it_was() -> None:
+def test_stream_exception_of_caller_stops_robot() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
 
         async def run() -> None:
             async with cell.link.motion(LIMITS) as motion:
-                await motion.to(moved(100.0))
+                await motion.to(displaced(100.0))
                 await cell.wait(0.05)
                 raise ZeroDivisionError
 
@@ -218,15 +220,15 @@ def test_a_bug_of_the_caller_leaves_the_robot_where_it_was() -> None:
 
 
 @pytest.mark.parametrize("moment", [0.0, 0.001, 0.004, 0.0061, 0.02, 0.05, 0.1001, 0.11])
-def test_a_run_that_is_cancelled_at_any_moment_ends_the_movement(moment: float) -> None:
+def test_stream_cancelled_run_ends_movement(moment: float) -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
 
         async def run() -> None:
             async with cell.link.motion(LIMITS) as motion:
-                await motion.to(moved(2.5))
+                await motion.to(displaced(2.5))
                 await motion.settled()
-                await motion.to(moved(5.0))
+                await motion.to(displaced(5.0))
 
         task = asyncio.create_task(run())
         await cell.wait(moment)
@@ -236,7 +238,7 @@ def test_a_run_that_is_cancelled_at_any_moment_ends_the_movement(moment: float) 
         assert cell.client.calls in ([], ["begin", "end"])
         left = cell.robot.answers[-1][3]
         await cell.wait(0.5)
-        assert not cell.robot.answers[-1][2], "a movement continues"
+        assert not cell.robot.answers[-1][2], "the movement continues"
         assert math.dist(cell.robot.pose.position, left.position) <= SPEED * CYCLE + SLACK
 
     run_cell(script)
@@ -245,33 +247,33 @@ def test_a_run_that_is_cancelled_at_any_moment_ends_the_movement(moment: float) 
 # --- what a movement promises
 
 
-def test_leaving_a_movement_ends_it_at_the_last_point() -> None:
+def test_stream_movement_ends_at_last_point() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
             seam: Motion = motion
             assert (seam.ordered, seam.commanded) == (False, None)
-            await seam.to(moved(1.0))
-            await seam.to(moved(10.0))
-            assert (seam.ordered, seam.commanded) == (True, moved(10.0).position)
+            await seam.to(displaced(1.0))
+            await seam.to(displaced(10.0))
+            assert (seam.ordered, seam.commanded) == (True, displaced(10.0).position)
         await cell.wait(2 * CYCLE)
-        assert cell.robot.pose == moved(10.0)
+        assert cell.robot.pose == displaced(10.0)
         assert not cell.robot.answers[-1][2]
         with pytest.raises(DeviceError, match="the movement has ended; begin another movement"):
-            await motion.to(moved(1.0))
+            await motion.to(displaced(1.0))
 
     run_cell(script)
 
 
-def test_halt_holds_at_once_and_takes_no_target_any_more() -> None:
+def test_stream_halt_stops_at_once_and_refuses_targets() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(100.0))
+            await motion.to(displaced(100.0))
             await cell.wait(0.05)
             halted = cell.robot.setpoints[-1]
             await motion.halt()
-            for order in (motion.to(moved(0.0)), motion.settled()):
+            for order in (motion.to(displaced(0.0)), motion.settled()):
                 with pytest.raises(OrderRefused, match="was halted"):
                     await order
             await cell.wait(0.05)
@@ -281,17 +283,17 @@ def test_halt_holds_at_once_and_takes_no_target_any_more() -> None:
     run_cell(script)
 
 
-def test_hold_gives_up_the_way_but_not_the_movement() -> None:
+def test_stream_hold_discards_path_and_keeps_movement() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(100.0))
+            await motion.to(displaced(100.0))
             await cell.wait(0.05)
-            held = cell.robot.setpoints[-1]
+            set_point = cell.robot.setpoints[-1]
             motion.hold()
             await cell.wait(0.05)
-            assert cell.robot.pose == held
-            await motion.to(moved(0.0))
+            assert cell.robot.pose == set_point
+            await motion.to(displaced(0.0))
         motion.hold()  # harmless afterwards
         await cell.wait(2 * CYCLE)
         assert cell.robot.pose == START
@@ -299,44 +301,44 @@ def test_hold_gives_up_the_way_but_not_the_movement() -> None:
     run_cell(script)
 
 
-@pytest.mark.parametrize("pushed_mm", [0.0, 2.0], ids=["it stands", "it was pushed"])
-def test_a_robot_with_a_fault_takes_targets_where_it_stood(pushed_mm: float) -> None:
-    words = r"robot on udp\+memory:robot cannot move: protective stop; release it at the pendant"
+@pytest.mark.parametrize("pushed_mm", [0.0, 2.0], ids=["stationary", "pushed"])
+def test_stream_accepts_targets_after_fault_at_set_point(pushed_mm: float) -> None:
+    message = r"robot on udp\+memory:robot cannot move: protective stop; release it at the pendant"
 
     async def script(cell: Cell) -> None:
         await cell.link.ready()
 
         async def run() -> None:
             async with cell.link.motion(LIMITS) as motion:
-                await motion.to(moved(100.0))
+                await motion.to(displaced(100.0))
                 await cell.wait(0.05)
                 cell.robot.stopped = True
                 await cell.wait(2 * CYCLE)
-                stood = cell.robot.setpoints[-1]
+                position = cell.robot.setpoints[-1]
                 assert "protective stop" in (await cell.link.report()).fault
-                with pytest.raises(OrderRefused, match=words):
-                    await motion.to(moved(0.0))
-                cell.robot.told_off_mm = pushed_mm
+                with pytest.raises(OrderRefused, match=message):
+                    await motion.to(displaced(0.0))
+                cell.robot.reported_offset_mm = pushed_mm
                 cell.robot.stopped = False
                 await cell.wait(0.05)
                 assert bool((await cell.link.report()).fault) is bool(pushed_mm)
-                assert set(cell.robot.setpoints[-10:]) == {stood}
-                await motion.to(moved(0.0))
+                assert set(cell.robot.setpoints[-10:]) == {position}
+                await motion.to(displaced(0.0))
 
         if not pushed_mm:
             await run()
             assert cell.robot.pose.position == pytest.approx(START.position)
             return
-        with pytest.raises(OrderRefused, match=words):
+        with pytest.raises(OrderRefused, match=message):
             await run()
-        cell.robot.told_off_mm = 0.0
+        cell.robot.reported_offset_mm = 0.0
         async with cell.link.motion(LIMITS) as motion:
-            await motion.to(moved(0.0))
+            await motion.to(displaced(0.0))
 
     run_cell(script)
 
 
-def test_no_movement_begins_during_a_fault_or_another_movement() -> None:
+def test_stream_refuses_movement_during_fault_or_movement() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS):
@@ -355,7 +357,7 @@ def test_no_movement_begins_during_a_fault_or_another_movement() -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "words"),
+    ("target", "message"),
     [
         (Pose((math.nan, 0.0, 0.0), DOWN), "is not sent to the position"),
         (Pose((0.9, math.inf, 0.6), DOWN), "is not sent to the position"),
@@ -363,18 +365,18 @@ def test_no_movement_begins_during_a_fault_or_another_movement() -> None:
         (Pose(START.position, (math.nan, 1.0, 0.0, 0.0)), "is not sent to the orientation"),
     ],
 )
-def test_a_target_that_is_none_is_refused(target: Pose, words: str) -> None:
+def test_stream_invalid_target_is_refused(target: Pose, message: str) -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
-            with pytest.raises(OrderRefused, match=words):
+            with pytest.raises(OrderRefused, match=message):
                 await motion.to(target)
             assert not motion.ordered
 
     assert set(run_cell(script).robot.setpoints) <= {START}
 
 
-def test_a_reported_pose_that_is_none_is_a_fault() -> None:
+def test_stream_invalid_reported_pose_is_fault() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         for pose in (Pose((math.nan, 0.0, 0.0), DOWN), Pose(START.position, (0.5, 0.0, 0.0, 0.0))):
@@ -399,29 +401,29 @@ poses = st.builds(
 
 
 @given(poses, poses, st.floats(1e-5, 1.0), st.floats(1e-4, 3.0))
-def test_the_next_pose_is_nearer_and_not_too_far(
+def test_stream_next_pose_approaches_target_within_limit(
     start: Pose, goal: Pose, distance: float, turn: float
 ) -> None:
-    there = towards(start, goal, distance, turn)
-    assert math.dist(start.position, there.position) <= distance + 1e-12
-    assert angle(start, there) <= turn + 1e-6
-    assert math.dist(there.position, goal.position) <= math.dist(start.position, goal.position) + 1e-12
-    assert angle(there, goal) <= angle(start, goal) + 1e-6
-    assert math.hypot(*there.quaternion) == pytest.approx(1.0)
+    result = towards(start, goal, distance, turn)
+    assert math.dist(start.position, result.position) <= distance + 1e-12
+    assert angle(start, result) <= turn + 1e-6
+    assert math.dist(result.position, goal.position) <= math.dist(start.position, goal.position) + 1e-12
+    assert angle(result, goal) <= angle(start, goal) + 1e-6
+    assert math.hypot(*result.quaternion) == pytest.approx(1.0)
 
 
 # --- the gain of speed
 
 
-def test_a_movement_gains_and_loses_speed_by_its_acceleration_and_stops_at_once() -> None:
+def test_stream_limits_acceleration_and_stops_at_once() -> None:
     limits = MotionLimits(SPEED)
 
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(limits) as motion:
-            await motion.to(moved(5.0))
+            await motion.to(displaced(5.0))
             await motion.settled()
-            await motion.to(moved(50.0))
+            await motion.to(displaced(50.0))
             await cell.wait(0.1)
             motion.hold()
             cell.notices.append(str(len(cell.robot.setpoints)))
@@ -429,9 +431,11 @@ def test_a_movement_gains_and_loses_speed_by_its_acceleration_and_stops_at_once(
 
     cell = run_cell(script)
     setpoints = cell.robot.setpoints
-    held = int(cell.notices[-1])
-    ways = [math.dist(a.position, b.position) / CYCLE for a, b in itertools.pairwise(setpoints[:held])]
-    assert max(ways) == pytest.approx(SPEED)
-    steps = [after - before for before, after in itertools.pairwise(ways)]
+    hold_index = int(cell.notices[-1])
+    speeds = [
+        math.dist(a.position, b.position) / CYCLE for a, b in itertools.pairwise(setpoints[:hold_index])
+    ]
+    assert max(speeds) == pytest.approx(SPEED)
+    steps = [after - before for before, after in itertools.pairwise(speeds)]
     assert max(map(abs, steps)) <= limits.acceleration * CYCLE + SLACK
-    assert set(setpoints[held:]) == {setpoints[held]}  # held, without a way to come to rest
+    assert set(setpoints[hold_index:]) == {setpoints[hold_index]}  # held, without a braking distance

@@ -43,7 +43,7 @@ URL = "jr3-uart+memory:sensor"
         ("foo:", "foo:"),
     ],
 )
-def test_a_connecting_url_gets_the_gateways_line(url: str, wire: str) -> None:
+def test_uart_connecting_url_gets_line_of_gateway(url: str, wire: str) -> None:
     assert uart_line(url, CONNECT_BYTES) == wire
 
 
@@ -56,7 +56,7 @@ def test_a_connecting_url_gets_the_gateways_line(url: str, wire: str) -> None:
         ("memory:x", "memory:x?baudrate=115200"),
     ],
 )
-def test_a_listening_url_gets_the_gateways_line(url: str, wire: str) -> None:
+def test_uart_listening_url_gets_line_of_gateway(url: str, wire: str) -> None:
     assert uart_line(url, LISTEN_BYTES) == wire
 
 
@@ -70,7 +70,7 @@ def refuse(url: str, error: type[Exception]) -> str:
     return str(caught.value)
 
 
-def test_what_is_wrong_with_the_wire_is_told_as_ever() -> None:
+def test_uart_invalid_url_is_reported() -> None:
     assert "unknown scheme 'foo'" in refuse("jr3-uart+foo:x", ConfigError)
     assert "unknown option 'speed'" in refuse("jr3-uart+serial:///dev/x?speed=1", ConfigError)
     assert "unknown option 'gateway'" in refuse("jr3+can+memory:x?gateway=jr3", ConfigError)
@@ -85,7 +85,7 @@ def test_what_is_wrong_with_the_wire_is_told_as_ever() -> None:
         ("cutoff_hz", 0.001, "cutoff_hz must be 0.01 … 655.35, or 0 for unfiltered, got 0.001"),
     ],
 )
-def test_a_setting_that_the_line_cannot_carry_is_one_clear_line(
+def test_uart_unsupported_setting_is_refused_in_one_line(
     key: str, value: float, text: str, tmp_path: Any
 ) -> None:
     path = tmp_path / "c.toml"
@@ -96,7 +96,7 @@ def test_a_setting_that_the_line_cannot_carry_is_one_clear_line(
 
 
 @pytest.mark.parametrize(("node", "bound"), [(0, "at least 1"), (128, "at most 127")])
-def test_a_node_that_no_can_gateway_has_is_one_clear_line(node: int, bound: str, tmp_path: Any) -> None:
+def test_can_gateway_invalid_node_is_refused_in_one_line(node: int, bound: str, tmp_path: Any) -> None:
     path = tmp_path / "c.toml"
     path.write_text(f"[sensor.jr3.gateway]\nnode = {node}\n")
     with pytest.raises(ConfigError) as caught:
@@ -104,7 +104,7 @@ def test_a_node_that_no_can_gateway_has_is_one_clear_line(node: int, bound: str,
     assert str(caught.value) == f"{path}: sensor.jr3.gateway.node must be {bound}, got {node}"
 
 
-def test_pasted_bytes_of_the_line_are_decoded() -> None:
+def test_decode_jr3_uart_decodes_pasted_bytes() -> None:
     done = CliRunner().invoke(decode, ["jr3-uart", "3C 30 32 C8 00", "10 27 00 00 3E", "3C3031003E"])
     assert done.exit_code == 0
     assert [item["op"] for item in json.loads(done.output)] == ["start", "acknowledge"]
@@ -119,7 +119,7 @@ def test_pasted_bytes_of_the_line_are_decoded() -> None:
 @dataclass
 @dataclass
 class Served:
-    """A run over the emulated cell with a UART gateway, not begun, and all that it told."""
+    """Run over the emulated cell with a UART gateway, not started, and its notices."""
 
     clock: Clock
     run: Running
@@ -135,25 +135,25 @@ class Served:
 def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> Served:
     sections.setdefault("sensor", {})["emulated"] = "jr3-uart"
     setup = Setup(read_config(sections))
-    kept: list[Served] = []
+    runs: list[Served] = []
 
     async def main() -> None:
         clock = Clock.running()
         frames, cycles, events = list[SensorRecord](), list[CycleRecord](), list[EventRecord]()
-        takes: dict[type, Any] = {
+        arguments: dict[type, Any] = {
             SensorRecord: frames.append,
             CycleRecord: cycles.append,
             EventRecord: events.append,
         }
-        async with running(setup, RunLog(clock, [Listener(takes)])) as run:
-            kept.append(Served(clock, run, frames, cycles, events))
-            await script(kept[0])
+        async with running(setup, RunLog(clock, [Listener(arguments)])) as run:
+            runs.append(Served(clock, run, frames, cycles, events))
+            await script(runs[0])
 
     run_virtual(main)
-    return kept[0]
+    return runs[0]
 
 
-def test_ready_tare_and_stop() -> None:
+def test_uart_sensor_starts_zeroes_and_stops() -> None:
     times: list[float] = []
 
     async def script(served: Served) -> None:
@@ -174,22 +174,22 @@ def test_ready_tare_and_stop() -> None:
 
 
 @pytest.mark.parametrize(("kept_bytes", "seconds"), [(0, 1.25), (256, 0.99)])
-def test_a_close_in_the_deaf_second_waits_for_the_gateway(kept_bytes: int, seconds: float) -> None:
-    """A stop that the gateway does not hear is repeated before the line is closed; one that it keeps is not."""
+def test_uart_sensor_close_waits_for_deaf_gateway(kept_bytes: int, seconds: float) -> None:
+    """A stop that the gateway misses is repeated before the line is closed; a buffered one is not."""
     closed: list[float] = []
 
     async def script(served: Served) -> None:
         await served.sensor.ready()
         await served.sensor.tare()
-        asked = served.clock.now()
+        requested_at = served.clock.now()
         await served.sensor.aclose()
-        closed.append(served.clock.now() - asked)
+        closed.append(served.clock.now() - requested_at)
 
     with_cell(script, cell={"jr3": {"uart": {"kept_bytes": kept_bytes}}})
     assert closed == [pytest.approx(seconds, abs=0.02)]
 
 
-def test_a_stream_as_fast_as_the_line_loses_nothing() -> None:
+def test_uart_sensor_fastest_stream_loses_nothing() -> None:
     async def script(served: Served) -> None:
         await served.sensor.ready()
         await served.clock.sleep_until(served.clock.now() + 3.0)
@@ -200,7 +200,7 @@ def test_a_stream_as_fast_as_the_line_loses_nothing() -> None:
     assert with_cell(script, sensor={"jr3": {"uart": {"period_ms": 1.563}}}, cell=kinder).sensor.lost == 0
 
 
-def test_an_unfiltered_sensor_is_said_once() -> None:
+def test_uart_sensor_without_filter_is_noted_once() -> None:
     async def script(served: Served) -> None:
         await served.sensor.ready()
         await served.sensor.tare()
@@ -211,16 +211,18 @@ def test_an_unfiltered_sensor_is_said_once() -> None:
     assert "filter is off (cut-off 0)" in event.text
 
 
-def test_a_sensor_that_is_not_plugged_in_is_one_clear_line() -> None:
+def test_uart_sensor_unplugged_is_reported_in_one_line() -> None:
     async def script(served: Served) -> None:
-        with pytest.raises(DeviceError, match=r"acknowledges but not ready after 12 s; sensor unplugged\?"):
+        with pytest.raises(
+            DeviceError, match=r"acknowledges but is not ready after 12 s; sensor unplugged\?"
+        ):
             await served.sensor.ready()
 
     with_cell(script, cell={"jr3": {"sensor": {"connected": False}}})
 
 
 @pytest.mark.parametrize("kept_bytes", [0, 256])
-def test_the_closed_loop_holds_ten_newtons(kept_bytes: int) -> None:
+def test_uart_sensor_run_holds_ten_newtons(kept_bytes: int) -> None:
     sections: dict[str, Any] = {
         "run": {"duration_s": 10.0},
         "cell": {"jr3": {"uart": {"kept_bytes": kept_bytes}}},

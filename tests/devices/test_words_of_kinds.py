@@ -1,4 +1,4 @@
-"""The words of every kind of device: for its bytes, pasted, and for its faults."""
+"""Descriptions of every kind of device: decoded bytes and faults."""
 
 import json
 import re
@@ -33,9 +33,7 @@ def decoded(*arguments: str) -> Result:
         (("rsi", TELEGRAM.hex()), "root", "Rob"),
     ],
 )
-def test_a_kind_has_words_for_what_goes_over_its_wire(
-    arguments: tuple[str, ...], key: str, value: str
-) -> None:
+def test_kind_describes_traffic_of_its_wire(arguments: tuple[str, ...], key: str, value: str) -> None:
     result = decoded(*arguments)
     assert result.exit_code == 0, result.output
     assert json.loads(result.output)[0][key] == value
@@ -52,7 +50,7 @@ def test_a_kind_has_words_for_what_goes_over_its_wire(
         ("netft", "00"),
     ],
 )
-def test_bytes_without_meaning_have_exit_code_2(arguments: tuple[str, ...]) -> None:
+def test_decode_invalid_bytes_exits_with_code_2(arguments: tuple[str, ...]) -> None:
     result = decoded(*arguments)
     assert result.exit_code == 2
     (item,) = json.loads(result.output)
@@ -60,7 +58,7 @@ def test_bytes_without_meaning_have_exit_code_2(arguments: tuple[str, ...]) -> N
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (("nothing", "00"), "unknown kind 'nothing'; choose one of computer-link"),
         (
@@ -70,76 +68,76 @@ def test_bytes_without_meaning_have_exit_code_2(arguments: tuple[str, ...]) -> N
         (("egm", "0"), "1 digits are not complete bytes"),
     ],
 )
-def test_what_cannot_be_decoded_is_one_line(arguments: tuple[str, ...], words: str) -> None:
+def test_decode_unsupported_input_is_one_line(arguments: tuple[str, ...], message: str) -> None:
     error = decoded(*arguments).exception
     assert isinstance(error, ConfigError)
-    assert words in str(error)
+    assert message in str(error)
     assert "\n" not in str(error)
 
 
-def test_the_help_names_every_kind() -> None:
+def test_decode_help_names_every_kind() -> None:
     text = " ".join(decoded("--help").output.split())
     for name in (*ROBOTS.names, *SENSORS.names):
         assert name in text
 
 
-def test_words_of_another_package_that_raise_become_a_problem() -> None:
+def test_plugin_decoder_exception_becomes_problem() -> None:
     def broken(raw: bytes) -> list[dict[str, object]]:
         raise RuntimeError("a first line\nand a second")
 
-    words = describer_of(replace(ROBOTS.kind("egm"), describe=broken))
-    assert words is not None
-    assert words(b"12")[0]["problems"] == ["RuntimeError: a first line"]
+    describe = describer_of(replace(ROBOTS.kind("egm"), describe=broken))
+    assert describe is not None
+    assert describe(b"12")[0]["problems"] == ["RuntimeError: a first line"]
 
 
 # --- faults
 
 
-def listed(*arguments: str) -> dict[str, dict[str, object]]:
+def list_as_json(*arguments: str) -> dict[str, dict[str, object]]:
     result = CliRunner().invoke(cli, ["list", "faults", *arguments, "--json"])
     assert result.exit_code == 0, result.output
-    found: dict[str, dict[str, object]] = json.loads(result.output)
-    return found
+    entries: dict[str, dict[str, object]] = json.loads(result.output)
+    return entries
 
 
 @pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
 @pytest.mark.parametrize("sensor", ["netft", "ft300", "ati-can"])
-def test_the_faults_of_a_cell_are_those_of_its_devices(robot: str, sensor: str) -> None:
-    found = listed("--robot", robot, "--sensor", sensor)
+def test_cell_faults_are_those_of_its_devices(robot: str, sensor: str) -> None:
+    result = list_as_json("--robot", robot, "--sensor", sensor)
     parts = ROBOTS.kind(robot).emulation, SENSORS.kind(sensor).emulation
     for part in parts:
         assert part is not None
         for on, faults in part.faults.items():
-            assert list(found[on]) == list(faults)
-    assert {"surface", "obstacle", "computer"} <= set(found)
-    assert ("bus" in found) == (sensor == "ati-can")
+            assert list(result[on]) == list(faults)
+    assert {"surface", "obstacle", "computer"} <= set(result)
+    assert ("bus" in result) == (sensor == "ati-can")
 
 
-def test_a_receiver_board_has_no_wire_of_its_own() -> None:
-    found = listed("--sensor", "jr3-board")
-    assert "sensor-wire" not in found
-    assert list(found["sensor"]) == ["wrong-scales", "unplugged"]
-    assert len(listed("--sensor", "jr3")["sensor-wire"]) > 5
+def test_receiver_board_has_no_sensor_wire_faults() -> None:
+    result = list_as_json("--sensor", "jr3-board")
+    assert "sensor-wire" not in result
+    assert list(result["sensor"]) == ["wrong-scales", "unplugged"]
+    assert len(list_as_json("--sensor", "jr3")["sensor-wire"]) > 5
 
 
 @pytest.mark.parametrize("name", ["jr3", "jr3-uart"])
-def test_a_gateway_s_sensor_has_the_faults_of_a_stream(name: str) -> None:
+def test_gateway_sensor_has_faults_of_stream(name: str) -> None:
     fault = {"on": "sensor-wire", "fault": "lost"}
     assert load_config(None, {"sensor.emulated": name, "faults": [fault]}).faults[0].fault == "lost"
 
 
-@pytest.mark.parametrize(("option", "thing"), [("--robot", "robot"), ("--sensor", "sensor")])
-def test_faults_of_an_unknown_kind_are_refused(option: str, thing: str) -> None:
+@pytest.mark.parametrize(("option", "device"), [("--robot", "robot"), ("--sensor", "sensor")])
+def test_list_faults_of_unknown_kind_is_refused(option: str, device: str) -> None:
     error = CliRunner().invoke(cli, ["list", "faults", option, "nothing"]).exception
     assert isinstance(error, ConfigError)
-    assert f"there is no {thing} 'nothing'" in str(error)
+    assert f"there is no {device} 'nothing'" in str(error)
 
 
 # --- configuration
 
 
-def test_sections_of_all_our_kinds_are_in_the_commented_file() -> None:
-    """They are comments; without their # the file holds the same defaults."""
+def test_commented_file_has_sections_of_built_in_kinds() -> None:
+    """The sections are comments; without their #, the file contains the same defaults."""
     text = commented_defaults()
     assert tomllib.loads(text)["robot"]["emulated"] == "s3"
     assert "egm" not in tomllib.loads(text)["robot"]
@@ -153,9 +151,9 @@ def test_sections_of_all_our_kinds_are_in_the_commented_file() -> None:
     assert read_config(plain).model_dump() == with_all_kinds().model_dump()
 
 
-def test_the_schema_knows_the_sections_of_all_our_kinds() -> None:
-    found = schema()
-    definitions = found["$defs"]
+def test_schema_has_sections_of_built_in_kinds() -> None:
+    result = schema()
+    definitions = result["$defs"]
     for section, names in (
         ("RobotConfig", ("s3", "egm", "rtde", "rsi")),
         ("SensorConfig", ("jr3", "netft", "ati_can", "ft300")),
@@ -163,51 +161,51 @@ def test_the_schema_knows_the_sections_of_all_our_kinds() -> None:
         for name in names:
             assert definitions[section]["properties"][name]["description"]
             assert name in definitions["CellConfig"]["properties"]
-    assert "counts for 1 N" in definitions["NetFtProfile"]["properties"]["counts_per_unit"]["description"]
+    assert "counts per N" in definitions["NetFtProfile"]["properties"]["counts_per_unit"]["description"]
 
 
 _OF_ONE_KIND = re.compile(r"\bS3\b|\bJR3\b|computer link")
 _SECTIONS = (("RobotConfig", "s3"), ("CellConfig", "s3"), ("SensorConfig", "jr3"), ("CellConfig", "jr3"))
 
 
-def _referred(node: object) -> set[str]:
-    """Names of the definitions that a part of a schema refers to."""
+def _references(node: object) -> set[str]:
+    """Return the names of the definitions that a part of a schema refers to."""
     if isinstance(node, dict):
         own = {str(node["$ref"]).rpartition("/")[2]} if "$ref" in node else set()
-        return own.union(*map(_referred, node.values()))
-    return set().union(*map(_referred, node)) if isinstance(node, list) else set()
+        return own.union(*map(_references, node.values()))
+    return set().union(*map(_references, node)) if isinstance(node, list) else set()
 
 
-def test_settings_of_any_device_name_no_single_kind() -> None:
-    """A text on S3 or JR3 stands in the sections of these kinds alone; the schema is also the reference."""
+def test_common_settings_name_no_single_kind() -> None:
+    """Texts on S3 or JR3 are only in the sections of these kinds; the schema is also the reference."""
     definitions = schema()["$defs"]
     own: set[str] = set()
-    waiting = _referred([definitions[name]["properties"][key] for name, key in _SECTIONS])
+    waiting = _references([definitions[name]["properties"][key] for name, key in _SECTIONS])
     while waiting:
         own |= waiting
-        waiting = _referred([definitions[name] for name in waiting]) - own
+        waiting = _references([definitions[name] for name in waiting]) - own
     assert len(own) > 10
     for name in definitions.keys() - own:
         texts = {
             key: value.get("description", "")
             for key, value in definitions[name].get("properties", {}).items()
         }
-        told = {key: text for key, text in texts.items() if _OF_ONE_KIND.search(text)}
-        assert not told.keys() - {key for section, key in _SECTIONS if section == name}, (name, told)
+        specific = {key: text for key, text in texts.items() if _OF_ONE_KIND.search(text)}
+        assert not specific.keys() - {key for section, key in _SECTIONS if section == name}, (name, specific)
 
 
-def test_the_commented_file_names_a_single_kind_in_its_sections_alone() -> None:
+def test_commented_file_names_kinds_in_their_sections_only() -> None:
     section = ""
     for line in commented_defaults().splitlines():
-        if found := re.match(r"#?\[([\w.]+)\]", line):
-            section = found[1]
+        if result := re.match(r"#?\[([\w.]+)\]", line):
+            section = result[1]
         if _OF_ONE_KIND.search(line):
             assert re.search(r"\.(s3|jr3)\b", section), (section, line)
 
 
-def test_the_help_of_a_run_names_no_single_kind_but_where_it_is_of_one() -> None:
+def test_run_help_names_kinds_only_where_specific() -> None:
     text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
     assert [
-        found.start()
-        for found in _OF_ONE_KIND.finditer(text.replace("settings of an S3's computer link", ""))
+        result.start()
+        for result in _OF_ONE_KIND.finditer(text.replace("settings of an S3's computer link", ""))
     ] == []

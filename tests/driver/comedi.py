@@ -1,6 +1,6 @@
-"""Reads a measuring card through Linux's comedi drivers, as any program may: `/dev/comedi0` and its ioctls.
+"""Read a measuring card through Linux's comedi drivers, like any program: `/dev/comedi0` and its ioctls.
 
-Numbers and structures are those of the kernel's user header linux/comedi.h.
+Numbers and structures are from the kernel's user header linux/comedi.h.
 """
 
 import ctypes
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 _READ_DIRECTION = 2
-"""Of all requests used here. Source: asm-generic/ioctl.h."""
+"""Direction bits of all requests used here. Source: asm-generic/ioctl.h."""
 _DEVINFO, _SUBDINFO, _CHANINFO, _RANGEINFO, _INSN = 1, 2, 3, 8, 12
 _INSN_READ = 0x4000000
 _NAME_BYTES = 20
@@ -68,20 +68,20 @@ class _Instruction(ctypes.Structure):
 
 
 class Span(NamedTuple):
-    """Meaning of the lowest and of the highest reading of a channel."""
+    """Physical values of the lowest and the highest reading of a channel."""
 
     least: float
     most: float
     maximum: int
-    """The highest reading; the lowest is 0."""
+    """Highest reading; the lowest is 0."""
 
     def value(self, reading: int) -> float:
-        """Meaning of a reading."""
+        """Return the physical value of a reading."""
         return self.least + (self.most - self.least) * reading / self.maximum
 
 
 class Comedi:
-    """One card's first subdevice. Raises OSError, with EAGAIN where the driver has no data."""
+    """First subdevice of a card. Raises OSError, with EAGAIN if the driver has no data."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_RDWR)
@@ -101,18 +101,18 @@ class Comedi:
             os.close(self._descriptor)
 
     def spans(self) -> list[Span]:
-        """Of every channel, in millionths of the driver's unit."""
+        """Return the span of every channel, in millionths of the driver's unit."""
         maxima, types = (ctypes.c_uint * self.channels)(), (ctypes.c_uint * self.channels)()
         self._call(_CHANINFO, _ChannelInfo(0, maxima, None, types))
         spans = []
         for maximum, range_type in zip(maxima, types, strict=True):
-            found = _Range()
-            self._call(_RANGEINFO, _RangeInfo(range_type, ctypes.pointer(found)))
-            spans.append(Span(found.least, found.most, maximum))
+            result = _Range()
+            self._call(_RANGEINFO, _RangeInfo(range_type, ctypes.pointer(result)))
+            spans.append(Span(result.least, result.most, maximum))
         return spans
 
     def read(self, channel: int) -> int:
-        """One reading, 0 … the channel's maximum."""
+        """Return one reading, 0 … the channel's maximum."""
         self._call(_INSN, _Instruction(_INSN_READ, 1, ctypes.pointer(self._data), 0, channel))
         return self._data.value
 

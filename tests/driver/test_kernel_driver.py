@@ -1,6 +1,6 @@
-"""Linux's own jr3_pci driver, as Debian's kernel package has it, starts the emulated board and reads its sensor.
+"""Linux's own jr3_pci driver, from Debian's kernel package, starts the emulated board and reads its sensor.
 
-The tests share one driver and run in order: right after its start it looks at the sensor soon, later every 10 s.
+The tests share one driver and run in order: right after its start it polls the sensor soon, later every 10 s.
 """
 
 import errno
@@ -24,26 +24,28 @@ pytestmark = pytest.mark.driver
 INSIDE = "HIL_BRIDGE_MACHINE"
 DEVICES, DRIVER = Path("/sys/bus/pci/devices"), Path("/sys/bus/pci/drivers/jr3_pci")
 STAND_IN = "1234 1111"
-"""Vendor and device number of the PCI device whose memory shows the board's words."""
+"""Vendor and device number of the PCI device whose memory contains the board's words."""
 FIRMWARE_PATH = Path("/sys/module/firmware_class/parameters/path")
 NO_PROGRAM = "ffff\n"
-"""The driver's program file with its end mark alone: the emulated board runs without."""
+"""The driver's program file with only its end mark: the emulated board needs no program."""
 CHANNELS_OF_A_FILTER = 8
 FILTER = 0
-"""Chosen: the noise of data without a filter shows that every look brings new ones."""
+"""Chosen: the noise of unfiltered data shows that every read returns new data."""
 FX, FY, FZ, MX, MY, MZ = range(6)
 MODEL_CHANNEL, SERIAL_CHANNEL = 56, 57
 UNIT = 1e-3
-"""N and N·m of what the driver calls millionths: its ranges are in kN and kN·m."""
+"""N and N·m of the driver's millionths: its ranges are in kN and kN·m."""
 GRAVITY = 9.80665
 READS = 2000
 START_S = 30.0
-"""For the driver's start, or its return to a sensor: it looks once a second, at first up to 10 s late, eleven times."""
+"""Time limit of the driver's start, or of its return to a sensor, s: it polls once a second, at first up to 10 s late,
+eleven times.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class DrivenBoard:
-    """The board with its driver, and a program that reads it."""
+    """Board with its driver, and a program that reads it."""
 
     window: Window
     card: Comedi
@@ -59,12 +61,12 @@ class DrivenBoard:
         return time.monotonic() - began
 
     def wrench(self, filter_number: int) -> list[float]:
-        """Six axes of a filter, N and N·m."""
+        """Return the six axes of a filter, N and N·m."""
         first, spans = CHANNELS_OF_A_FILTER * filter_number, self.card.spans()
         return [spans[at].value(self.card.read(at)) * UNIT for at in range(first, first + 6)]
 
     def has_data(self) -> bool:
-        """Whether a program gets data, or EAGAIN."""
+        """Return whether a program gets data, not EAGAIN."""
         try:
             self.card.read(MODEL_CHANNEL)
         except OSError as error:
@@ -83,7 +85,7 @@ def _stand_in() -> Path:
 
 @pytest.fixture(scope="session")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DrivenBoard]:
-    """The cell's tool hangs from the sensor, and the driver has just been bound."""
+    """Yield a board with a newly bound driver; the cell's tool hangs from the sensor."""
     if not os.environ.get(INSIDE):
         pytest.skip("needs a machine of its own: `make kernel-driver` runs it")
     profile = PaperCellProfile()
@@ -105,24 +107,24 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DrivenBoard]:
             (DRIVER / "unbind").write_text(device.name)
 
 
-def say(capsys: pytest.CaptureFixture[str], text: str) -> None:
-    """Write a line into the log, of a test that passes too."""
+def print_line(capsys: pytest.CaptureFixture[str], text: str) -> None:
+    """Write a line into the log, even if the test passes."""
     with capsys.disabled():
         print(f"\n    {text}", end="", flush=True)
 
 
-def test_the_driver_starts_the_board(driven: DrivenBoard, capsys: pytest.CaptureFixture[str]) -> None:
+def test_driver_starts_board(driven: DrivenBoard, capsys: pytest.CaptureFixture[str]) -> None:
     assert not driven.has_data()
     seconds = driven.started()
     card, sensor, board = driven.card, driven.profile.sensor, driven.profile.board
     model, serial = card.read(MODEL_CHANNEL), card.read(SERIAL_CHANNEL)
     spans = card.spans()
-    say(capsys, f"driver {card.driver}, board {card.board}, {card.channels} channels")
-    say(capsys, f"data after {seconds:.1f} s, resets {driven.window.resets}")
-    say(capsys, f"commands {' '.join(f'{code:04X}' for code in driven.window.commands)}")
-    say(capsys, f"model {model}, serial {serial}")
+    print_line(capsys, f"driver {card.driver}, board {card.board}, {card.channels} channels")
+    print_line(capsys, f"data after {seconds:.1f} s, resets {driven.window.resets}")
+    print_line(capsys, f"commands {' '.join(f'{code:04X}' for code in driven.window.commands)}")
+    print_line(capsys, f"model {model}, serial {serial}")
     ranges = [span.most * UNIT for span in spans[:6]]
-    say(capsys, "ranges ± {:g} {:g} {:g} N, {:g} {:g} {:g} N·m".format(*ranges))
+    print_line(capsys, "ranges ± {:g} {:g} {:g} N, {:g} {:g} {:g} N·m".format(*ranges))
     assert (card.driver, card.board, card.channels) == ("jr3_pci", "jr3_pci_1", 58)
     assert driven.window.resets == 1
     assert driven.window.commands == [0x0500, 0x0A00, 0x0600, 0x0700]
@@ -131,9 +133,7 @@ def test_the_driver_starts_the_board(driven: DrivenBoard, capsys: pytest.Capture
     assert [-span.least for span in spans[:6]] == [span.most for span in spans[:6]]
 
 
-def test_a_sensor_unplugged_and_plugged_in_again(
-    driven: DrivenBoard, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_driver_survives_replugged_sensor(driven: DrivenBoard, capsys: pytest.CaptureFixture[str]) -> None:
     driven.started()
     driven.window.at_board(Board.unplug)
     time.sleep(0.1)
@@ -141,16 +141,16 @@ def test_a_sensor_unplugged_and_plugged_in_again(
         with pytest.raises(BlockingIOError) as refused:
             driven.card.read(channel)
     assert refused.value.errno == errno.EAGAIN
-    say(capsys, f"sensor unplugged: {refused.value.strerror} (EAGAIN)")
+    print_line(capsys, f"sensor unplugged: {refused.value.strerror} (EAGAIN)")
     driven.window.at_board(Board.plug_in)
     seconds = driven.started()
-    say(capsys, f"the same sensor plugged in again: data after {seconds:.1f} s")
+    print_line(capsys, f"the same sensor plugged in again: data after {seconds:.1f} s")
     time.sleep(1.0)
     weight = driven.profile.tool.mass_kg * GRAVITY
     assert driven.wrench(FILTER) == pytest.approx([0.0, 0.0, weight, 0.0, 0.0, 0.0], abs=0.2)
 
 
-def test_the_tools_weight(driven: DrivenBoard, capsys: pytest.CaptureFixture[str]) -> None:
+def test_driver_reads_weight_of_tool(driven: DrivenBoard, capsys: pytest.CaptureFixture[str]) -> None:
     driven.started()
     time.sleep(1.0)  # the filter's settling, after the driver has set the offsets
     weight = driven.profile.tool.mass_kg * GRAVITY
@@ -162,12 +162,14 @@ def test_the_tools_weight(driven: DrivenBoard, capsys: pytest.CaptureFixture[str
         time.sleep(0.0005)
     seconds = time.monotonic() - began
     mean, deviation, values = statistics.fmean(readings), statistics.pstdev(readings), len(set(readings))
-    say(capsys, f"{READS} reads of fz, filter {FILTER}, in {seconds:.2f} s: {values} different values,")
+    print_line(
+        capsys, f"{READS} reads of fz, filter {FILTER}, in {seconds:.2f} s: {values} different values,"
+    )
     least, most = min(readings), max(readings)
-    say(capsys, f"mean {mean:.3f} N, deviation {deviation:.3f} N, {least:.3f} … {most:.3f} N;")
-    say(capsys, f"the tool weighs {weight:.3f} N")
+    print_line(capsys, f"mean {mean:.3f} N, deviation {deviation:.3f} N, {least:.3f} … {most:.3f} N;")
+    print_line(capsys, f"the tool weighs {weight:.3f} N")
     wrench = driven.wrench(FILTER)
-    say(capsys, "fx fy fz mx my mz: " + " ".join(f"{value:.3f}" for value in wrench))
+    print_line(capsys, "fx fy fz mx my mz: " + " ".join(f"{value:.3f}" for value in wrench))
     assert all(abs(reading - weight) < 0.2 for reading in readings)
     assert values > 1
     for filter_number in range(4):

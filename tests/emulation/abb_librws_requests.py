@@ -1,9 +1,9 @@
-"""Requests of a foreign client and the statuses that it was given, in order.
+"""Requests of a third-party client and the statuses of their answers, in order.
 
-Client: abb_librws (ros-industrial, 9ba0837) with Poco 1.11, compiled without a change, at the emulated controller in
-real time. It read the robot's description, stopped RAPID, switched motors off and on, and reset the program pointer. It
-subscribed a signal, started RAPID, stopped and began the guidance by signals of the StateMachine add-in, and stopped
-RAPID. It accepted each answer but the two that it provoked. Requests that read again what was read before are left out.
+Client: abb_librws (ros-industrial, 9ba0837) with Poco 1.11, compiled unmodified, at the emulated controller in real
+time. It read the robot's description, stopped RAPID, switched motors off and on, and reset the program pointer. It
+subscribed to a signal, started RAPID, stopped and began the guidance by signals of the StateMachine add-in, and stopped
+RAPID. It accepted every answer except the two errors that it provoked. Repeated reads are left out.
 """
 
 REQUESTS: tuple[tuple[str, str, str, int], ...] = (

@@ -18,11 +18,11 @@ NO_ERROR: dict[str, Any] = {
     "force_slope_n_min": 0.0,
     "force_offset_n": 0.0,
 }
-"""Settings of `[cell.rtde]`."""
+"""Settings of `[cell.rtde]` without errors."""
 
 
 def exact_profile(**settings: Any) -> RtdeProfile:
-    """A profile without errors, but with these settings."""
+    """Return a profile without errors, with these settings."""
     return RtdeProfile(**{**NO_ERROR, **settings})
 
 

@@ -1,4 +1,4 @@
-"""A quiet JR3 board as a host reads, writes and commands it by the names of its registers."""
+"""Noiseless JR3 board that a host reads, writes and commands by the names of its registers."""
 
 from collections.abc import Callable
 
@@ -12,9 +12,9 @@ from protocol.devices.jr3.board import REGISTERS, to_signed
 
 Floats = NDArray[np.float64]
 POWERED = 1000.0003
-"""Not on the sensor's grid."""
+"""Time of power-up, not on the sensor's grid."""
 STEADY = POWERED + 4.0
-"""After the board has zeroed its offsets."""
+"""Time after the board has zeroed its offsets."""
 QUIET = SensorProfile(noise_counts=0.0, adc_bits=16)
 LOAD = (11.5, -22.2, 37.0, 0.56, -1.04, 1.22)
 """A tenth, a fifth of full scale: 1638, −3277, 3277, 1638, −3277, 3277 counts."""
@@ -53,7 +53,7 @@ def put(board: Board, name: str, values: tuple[int, ...], now: float) -> None:
 
 
 def do(board: Board, code: int, now: float, word1: int = 0, word2: int = 0) -> tuple[int, int, float]:
-    """A command: command_word0 and command_word2 when it is done, and the time then."""
+    """Give a command; return command_word0 and command_word2 when it is done, and the time."""
     done = board.command(code, now, word1, word2)
     assert done > now
     assert get(board, "command_word0", done - 1e-6)[0] == to_signed(code)

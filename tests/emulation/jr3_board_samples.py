@@ -1,4 +1,4 @@
-"""A JR3 board whose samples are on the sensor's grid, and which keeps its offsets."""
+"""JR3 board whose samples are on the sensor's grid, and which keeps its offsets."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from tests.emulation.jr3_board_host import QUIET, Floats, get
 
 Wrench = Callable[[Floats], Floats]
 POWERED = 1000.0
-"""On the sensor's grid, so that the board's sample j is at POWERED + j / 8000."""
+"""Time of power-up on the sensor's grid, so that the board's sample j is at POWERED + j / 8000."""
 NEVER_ZEROED = BoardProfile(offsets_zeroed_s=10.0)
 FULL = np.array([115.0, 111.0, 185.0, 5.6, 5.2, 6.1])
 

@@ -1,9 +1,8 @@
-"""The known facts of the CAN gateway as transcripts: one for every sentence.
+"""Known facts of the CAN gateway as transcripts, one for every statement.
 
 A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame; `! unplug` and `! plug_in`
-are the sensor's plug. Frames are written out;
-`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N of a sensor that reads
-1000 −2000 3000 400 −500 600 counts.
+are the sensor's plug. Frames are written out; `sample N`, `zeros N` and `filtered N HZ` denote the force and the moment
+frame with counter N of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
 """
 
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Transcript:
-    """A statement about the gateway, and the bus traffic that shows it."""
+    """Statement about the gateway, and the bus traffic that shows it."""
 
     sentence: str
     lines: str
@@ -288,9 +287,9 @@ TRANSCRIPTS = [
         """,
     ),
 ]
-"""Of a gateway that does everything at once."""
+"""Transcripts of a gateway without any delay."""
 
-MANNERS = [
+VARIANTS = [
     Transcript(
         "stop joins the stream's thread: the acknowledge comes 22.8 ms later, after the rest of 100 ms",
         """
@@ -434,7 +433,7 @@ MANNERS = [
         """,
     ),
 ]
-"""Of the firmware, which takes its time."""
+"""Transcripts of the firmware with its delays."""
 
 CLIENT_TRANSCRIPT = """
     2500   > 401#

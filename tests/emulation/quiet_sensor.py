@@ -3,6 +3,6 @@
 from typing import Any
 
 SETTLED: dict[str, Any] = {"wander_n": 0.0, "creep_share": 0.0, "vibration_n": 0.0, "motion_n": 0.0}
-"""Without errors beside the noise."""
+"""Settings without errors except white noise."""
 QUIET: dict[str, Any] = {"noise_n": 0.0, "noise_nm": 0.0, **SETTLED}
-"""Without any error."""
+"""Settings without any error."""

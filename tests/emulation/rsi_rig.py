@@ -1,4 +1,4 @@
-"""An emulated KUKA controller and what answers it, cycle by cycle in fed time."""
+"""Emulated KUKA controller and a client that answers it, cycle by cycle on a simulated clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ def answer(ipoc: int, x: float = 0.0, y: float = 0.0, z: float = 0.0, c: float =
 
 @dataclass
 class Rig:
-    """A controller, cycle by cycle."""
+    """Controller, run cycle by cycle."""
 
     profile: RsiProfile
     now: float = T0
@@ -38,7 +38,7 @@ class Rig:
             self.ledger.attach(target, handlers)
 
     def next(self, *, plain: bool = True) -> list[bytes]:
-        """The output at the next moment at which the controller acts."""
+        """Return the output at the next moment at which the controller acts."""
         due = self.robot.endpoint.next_deadline()
         assert due is not None
         self.now = due
@@ -49,7 +49,7 @@ class Rig:
         return out
 
     def cycle(self, *replies: Callable[[int], bytes]) -> Telegram:
-        """The next telegram, answered."""
+        """Return the next telegram, and answer it."""
         (raw,) = self.next()
         telegram = decode(raw)
         self.robot.endpoint.receive([reply(telegram.ipoc) for reply in replies], self.now + 0.001)
@@ -63,7 +63,7 @@ class Rig:
         return self.robot.correction[2]
 
     def height_mm(self) -> float:
-        """Where the arm really is, beyond all lag."""
+        """Return the true height of the arm after all lag, mm."""
         path = self.robot.path
         positions, _ = path.trajectory(np.array([self.now]))
         return float(positions[0, 2]) * 1e3
@@ -74,6 +74,6 @@ def rig(**settings: Any) -> Rig:
 
 
 def actual(telegram: Telegram) -> list[float]:
-    found = numbers(telegram.values, pose_tags("RIst"))
-    assert found is not None
-    return found
+    result = numbers(telegram.values, pose_tags("RIst"))
+    assert result is not None
+    return result

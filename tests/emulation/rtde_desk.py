@@ -1,4 +1,4 @@
-"""An emulated controller of Universal Robots with clients at its ports, in fed time and without a wire."""
+"""Emulated controller of Universal Robots with clients at its ports, on a simulated clock and without a wire."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +25,7 @@ CONTROL = register_program()
 
 
 class Plug:
-    """A client's end of one connection: what it sends arrives at once, what it gets is kept."""
+    """Client's end of one connection: data it sends arrive at once, data it receives are stored."""
 
     def __init__(self, desk: "Desk", port: Port) -> None:
         server = desk.robot.connect(port, desk.now)
@@ -45,10 +45,10 @@ class Plug:
         self._reader.feed(data)
 
     def packets(self) -> list[Packet]:
-        found = []
+        result = []
         while (packet := self._reader.next_packet()) is not None:
-            found.append(packet)
-        return found
+            result.append(packet)
+        return result
 
     def ask(self, packet: bytes) -> Packet:
         self.send(packet)
@@ -61,7 +61,7 @@ class Plug:
 
 
 class Desk:
-    """A controller, the plugs in it, and the time."""
+    """Controller, its connections, and the time."""
 
     def __init__(self, profile: RtdeProfile = EXACT, start: StartPose = START) -> None:
         self.now = T0
@@ -73,7 +73,7 @@ class Desk:
             self.ledger.attach(target, handlers)
 
     def plug(self, port: Port = Port.RTDE, version: int | None = packets.PROTOCOL_VERSION) -> Plug:
-        """A connection; that of RTDE asks for a version of the protocol, or, as a first client, for none."""
+        """Open a connection; an RTDE connection requests a protocol version or, like an early client, none."""
         plug = Plug(self, port)
         self.plugs.append(plug)
         if port is Port.RTDE and version is not None:
@@ -87,7 +87,7 @@ class Desk:
         self.robot.leave(port, plug.server, self.now)
 
     def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> None:
-        """Let time pass, cycle by cycle; `each` acts behind every cycle."""
+        """Let time pass, cycle by cycle; `each` is called after every cycle."""
         for _ in range(round(seconds / self.controller.period)):
             self.now += self.controller.period
             self.controller.advance(self.now)

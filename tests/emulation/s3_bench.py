@@ -1,4 +1,4 @@
-"""An emulated S3 and the project's own host, over a wire without delay in fed time."""
+"""Emulated S3 and the project's own host, over a wire without delay on a simulated clock."""
 
 from collections.abc import Iterator
 
@@ -32,7 +32,7 @@ PROFILE = S3Profile()
 
 
 class Bench:
-    """A controller, its panel and a host."""
+    """Controller, its panel and a host."""
 
     def __init__(self, profile: S3Profile = PROFILE, **programs: bytes) -> None:
         site = S3Site(programs={int(name.removeprefix("p")): text for name, text in programs.items()})
@@ -40,12 +40,12 @@ class Bench:
         self.robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, 1, site)
         self.panel = Panel(self.robot, S3_CONTROLS, self.robot.faults)
         self.host = ArapHost(LinkProfile())
-        self.told: list[ArapEvent] = []
+        self.events: list[ArapEvent] = []
         self.to_host = bytearray()
-        """Everything that the controller has said."""
+        """All bytes that the controller has sent."""
 
     def exchange(self) -> None:
-        """Carry bytes to and fro until neither has more to say."""
+        """Exchange bytes until neither side has more to send."""
         while True:
             to_robot = self.host.data_to_send(self.now)
             if to_robot:
@@ -55,12 +55,12 @@ class Bench:
                 self.to_host += to_host
                 self.host.receive(to_host, self.now)
             while (event := self.host.next_event()) is not None:
-                self.told.append(event)
+                self.events.append(event)
             if not to_robot and not to_host:
                 return
 
     def steps(self, seconds: float) -> Iterator[None]:
-        """Every moment at which something happens within a time."""
+        """Yield every moment at which something happens within a time."""
         end = self.now + seconds
         self.exchange()
         yield
@@ -86,9 +86,9 @@ class Bench:
     def ask(self, order: Telegram, within: float = 60.0) -> Answered | Refused | OrderFailed:
         self.host.order(order)
         for _ in self.steps(within):
-            for event in self.told:
+            for event in self.events:
                 if isinstance(event, Answered | Refused | OrderFailed):
-                    self.told.remove(event)
+                    self.events.remove(event)
                     return event
         raise AssertionError("no answer")
 
@@ -113,7 +113,7 @@ class Bench:
         return self
 
     def moving(self, y: float = 0.3, speed: float = 0.05) -> "Bench":
-        """In the middle of a movement sequence, on the way to y, m."""
+        """Return a bench during a movement sequence towards y, m."""
         assert self.operation().accepts(move(MoveKind.START))
         assert self.accepts(move(MoveKind.POINT, y, speed))
         return self

@@ -1,4 +1,4 @@
-"""The emulated NETCANOEM board: its answers, its refusals, its faults, and hostile frames."""
+"""Tests of the emulated NETCANOEM board: its answers, its refusals, its faults, and invalid frames."""
 
 from collections.abc import Callable
 from typing import Any
@@ -29,23 +29,23 @@ def board(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) -> 
 
 
 def ledger(device: AtiCanBoard) -> Ledger:
-    found = Ledger(ATI_CAN_FAULTS)
+    result = Ledger(ATI_CAN_FAULTS)
     for target, handlers in device.handlers.items():
-        found.attach(target, handlers)
-    return found
+        result.attach(target, handlers)
+    return result
 
 
 def answers(device: AtiCanBoard, question: str, now: float = T0) -> list[str]:
     device.endpoint.receive([parse_frame(question)], now)
-    found: list[str] = []
+    result: list[str] = []
     while (due := device.endpoint.next_deadline()) is not None:
         device.endpoint.handle_deadline(due)
-        found += [str(frame) for frame in device.endpoint.data_to_send(due)]
-    return found
+        result += [str(frame) for frame in device.endpoint.data_to_send(due)]
+    return result
 
 
 def gages(device: AtiCanBoard, now: float = T0) -> tuple[int, list[int]]:
-    """Status and gages 0 … 5 of a sample."""
+    """Return status and gages 0 … 5 of a sample."""
     one, two = (parse_frame(text) for text in answers(device, "200#", now))
     start, rest = decode_sample(one.data), decode_sample_rest(two.data)
     return start.status, [gage for pair in zip(start.gages, rest, strict=True) for gage in pair]
@@ -73,11 +73,11 @@ def gages(device: AtiCanBoard, now: float = T0) -> tuple[int, list[int]]:
         *((text, []) for text in ("210#", "200#R", "00000200#")),
     ],
 )
-def test_questions_and_their_answers(question: str, answer: list[str]) -> None:
+def test_queries_are_answered(question: str, answer: list[str]) -> None:
     assert answers(board(), question) == answer
 
 
-def test_the_answer_takes_its_time() -> None:
+def test_answer_is_delayed() -> None:
     device = board(turnaround_s=0.001)
     device.endpoint.receive([CanFrame(0x200)], T0)
     assert device.endpoint.data_to_send(T0 + 0.0009) == []
@@ -85,22 +85,22 @@ def test_the_answer_takes_its_time() -> None:
     assert len(device.endpoint.data_to_send(T0 + 0.001)) == 2
 
 
-def test_the_gages_carry_the_wrench() -> None:
+def test_gages_encode_wrench() -> None:
     device = board(offset_gages=500)
-    status, told = gages(device)
-    wrench = device.profile.coefficients @ (np.array(told) - 500) * 1e-6
+    status, reported = gages(device)
+    wrench = device.profile.coefficients @ (np.array(reported) - 500) * 1e-6
     assert status == 0
     assert wrench == pytest.approx(LOAD, abs=2e-3)
     assert device.sampled_at(1) == pytest.approx(T0)
     assert device.sampled_at(2) is None
 
 
-def test_a_gage_ends_at_its_word() -> None:
-    _, told = gages(board(lambda times: np.tile([0.0, 0.0, 400.0, 0.0, 0.0, 0.0], (len(times), 1))))
-    assert min(told) == -32768
+def test_gage_saturates_at_word_limit() -> None:
+    _, reported = gages(board(lambda times: np.tile([0.0, 0.0, 400.0, 0.0, 0.0, 0.0], (len(times), 1))))
+    assert min(reported) == -32768
 
 
-def test_an_empty_slot_is_echoed_and_told_in_the_status() -> None:
+def test_empty_slot_is_echoed_and_reported_in_status() -> None:
     device = board()
     assert answers(device, "206#03") == ["206#03"]
     assert gages(device, T0 + 1.0)[0] == 0x8040
@@ -108,7 +108,7 @@ def test_an_empty_slot_is_echoed_and_told_in_the_status() -> None:
     assert gages(device, T0 + 3.0)[0] == 0
 
 
-def test_a_new_base_holds_after_the_next_power_up() -> None:
+def test_new_base_applies_after_power_cycle() -> None:
     device = board()
     answers(device, "20D#21")
     answers(device, "20C#", T0 + 1.0)
@@ -122,12 +122,12 @@ def test_a_new_base_holds_after_the_next_power_up() -> None:
     assert answers(device, "21F#", T0 + 2.0)
 
 
-def test_older_firmware_knows_less() -> None:
+def test_older_firmware_supports_fewer_requests() -> None:
     device = board(firmware=(3, 6, 1))
     assert (answers(device, "208#"), answers(device, "209#00")) == ([], [])
 
 
-def test_it_is_deaf_while_it_boots() -> None:
+def test_board_ignores_requests_during_boot() -> None:
     device = board(boot_s=0.5)
     assert answers(device, "20F#", T0 + 0.4) == []
     assert answers(device, "20F#", T0 + 0.6)
@@ -135,21 +135,21 @@ def test_it_is_deaf_while_it_boots() -> None:
     assert answers(device, "20F#", T0 + 1.4) == []
 
 
-def test_each_fault_has_its_effect() -> None:
+def test_each_fault_has_effect() -> None:
     def with_fault(target: str, fault: str, **parameters: object) -> tuple[AtiCanBoard, Any]:
         device = board()
         return device, ledger(device).inject(target, fault, T0 + 1.0, parameters)
 
-    def told(device: AtiCanBoard, injection: Any) -> tuple[int, list[int]]:
-        found = gages(device, T0 + 2.0)
+    def reported_with(device: AtiCanBoard, injection: Any) -> tuple[int, list[int]]:
+        result = gages(device, T0 + 2.0)
         assert injection.struck
-        return found
+        return result
 
-    assert told(*with_fault("sensor", "unplugged", for_s=5.0)) == (0, [32767] * 6)
-    assert told(*with_fault("sensor", "status", bit=5))[0] == 0x8020
-    assert told(*with_fault("sensor", "watchdog"))[0] == 0x8001
+    assert reported_with(*with_fault("sensor", "unplugged", for_s=5.0)) == (0, [32767] * 6)
+    assert reported_with(*with_fault("sensor", "status", bit=5))[0] == 0x8020
+    assert reported_with(*with_fault("sensor", "watchdog"))[0] == 0x8001
     device, injection = with_fault("signal", "sign", axis="fz")
-    wrench = device.profile.coefficients @ np.array(told(device, injection)[1]) * 1e-6
+    wrench = device.profile.coefficients @ np.array(reported_with(device, injection)[1]) * 1e-6
     assert wrench[2] == pytest.approx(-10.0, abs=2e-3)
     device, _ = with_fault("sensor", "wrong-scales", factor=0.5, of="forces")
     assert answers(device, "207#", T0 + 2.0) == ["207#001E8480000F4240"]
@@ -167,7 +167,7 @@ def test_each_fault_has_its_effect() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=30))
-def test_no_frames_raise(data: list[tuple[int, bytes]]) -> None:
+def test_arbitrary_frames_raise_nothing(data: list[tuple[int, bytes]]) -> None:
     device = board()
     for k, (number, payload) in enumerate(data):
         answers(device, str(CanFrame(number, payload)), T0 + 0.01 * k)
@@ -185,6 +185,6 @@ def test_no_frames_raise(data: list[tuple[int, bytes]]) -> None:
         {"base": 128},
     ],
 )
-def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
+def test_invalid_settings_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         AtiCanProfile(**settings)

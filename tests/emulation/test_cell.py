@@ -1,4 +1,4 @@
-"""Robot, tool, surface and sensor coupled: what the force frames say of where the robot stands."""
+"""Tests of robot, tool, surface and sensor together: the force frames for a position of the robot."""
 
 import struct
 
@@ -23,17 +23,17 @@ FULL_SCALE_FZ = 185.0
 NO_TOOL = ToolProfile(mass_kg=0.0)
 
 
-def settled_at(
+def time_when_settled(
     cell: PaperCell, xyz: tuple[float, float, float], quaternion: tuple[float, ...] = DOWN
 ) -> float:
-    """Put the tip at a place and let it come to rest; the time at which it has."""
+    """Move the tip to a position; return the time at which it is stationary."""
     w, x, y, z = quaternion
     cell.robot.motion.enqueue(Waypoint(xyz, (w, x, y, z), AT_ONCE), T0)
     return T0 + 5.0
 
 
 def read_frames(cell: PaperCell, begin: float, seconds: float) -> np.ndarray:
-    """Forces in N (n, 3) of an unfiltered stream at 1 kHz, decoded here by hand."""
+    """Return forces in N (n, 3) of an unfiltered stream at 1 kHz, decoded here by hand."""
     gateway = cell.sensor
     assert isinstance(gateway, Gateway)
     gateway.receive([CanFrame(0x201, bytes.fromhex("0000E8030000"))], begin)
@@ -45,9 +45,9 @@ def read_frames(cell: PaperCell, begin: float, seconds: float) -> np.ndarray:
     return counts * np.array([115.0, 111.0, FULL_SCALE_FZ]) / 16384.0
 
 
-def test_pressing_2_mm_into_the_sponge_reads_10_n_on_the_wire() -> None:
+def test_pressing_2_mm_into_sponge_reads_10_n() -> None:
     cell = s3_jr3_cell(PaperCellProfile(tool=NO_TOOL), T0, seed=5)
-    at = settled_at(cell, (0.9, 0.0, 0.588))
+    at = time_when_settled(cell, (0.9, 0.0, 0.588))
     truth = cell.true_state(at)
     forces = read_frames(cell, at, 0.5)[10:]
     assert len(forces) > 400
@@ -60,7 +60,7 @@ def test_pressing_2_mm_into_the_sponge_reads_10_n_on_the_wire() -> None:
     assert np.abs(forces[:, :2].mean(axis=0)).max() < 0.02
 
 
-def test_in_the_air_the_sensor_carries_the_tool() -> None:
+def test_sensor_in_free_space_reads_tool_weight() -> None:
     cell = s3_jr3_cell(
         PaperCellProfile(tool=ToolProfile(mass_kg=2.0, centre_of_gravity_mm=(10.0, -20.0, 80.0))), T0, 1
     )
@@ -71,7 +71,7 @@ def test_in_the_air_the_sensor_carries_the_tool() -> None:
     np.testing.assert_allclose(wrench, [expected] * 2, rtol=0, atol=1e-12)
 
 
-def test_a_force_at_the_tip_has_the_textbook_moment() -> None:
+def test_force_at_tip_has_textbook_moment() -> None:
     cell = s3_jr3_cell(
         PaperCellProfile(
             tool=ToolProfile(length_mm=250.0, mass_kg=0.0),
@@ -96,7 +96,7 @@ unit = st.floats(-1.0, 1.0)
 
 @settings(max_examples=50)
 @given(st.tuples(unit, unit, unit, unit), st.tuples(unit, unit, unit), st.tuples(unit, unit, unit))
-def test_moving_a_force_to_the_sensor_keeps_its_power(
+def test_force_to_wrench_preserves_power(
     q: tuple[float, ...], force: tuple[float, ...], twist: tuple[float, ...]
 ) -> None:
     norm = np.linalg.norm(q)
@@ -111,10 +111,10 @@ def test_moving_a_force_to_the_sensor_keeps_its_power(
     assert wrench @ np.concatenate((speed, omega)) == pytest.approx(np.array(force) @ at_tip, abs=1e-12)
 
 
-def test_the_wrench_turns_with_the_tool_within_a_block() -> None:
+def test_wrench_turns_with_tool_within_block() -> None:
     cell = s3_jr3_cell(PaperCellProfile(tool=ToolProfile(mass_kg=1.0)), T0, 1)
     # A quarter turn about base x at 90°/s, from tool down to tool along base y.
-    settled_at(cell, (0.9, -0.1, 0.6), (0.7071067811865476, -0.7071067811865476, 0.0, 0.0))
+    time_when_settled(cell, (0.9, -0.1, 0.6), (0.7071067811865476, -0.7071067811865476, 0.0, 0.0))
     times = T0 + np.arange(0.0, 1.5, 0.001)
     wrench = cell.wrench(times)
     np.testing.assert_allclose(np.linalg.norm(wrench[:, :3], axis=1), 9.80665, rtol=1e-12)
@@ -124,20 +124,20 @@ def test_the_wrench_turns_with_the_tool_within_a_block() -> None:
     np.testing.assert_array_equal(np.concatenate([cell.wrench(t) for t in np.split(times, 60)]), wrench)
 
 
-def test_no_times_give_no_wrenches() -> None:
+def test_empty_times_give_empty_wrenches() -> None:
     assert s3_jr3_cell(PaperCellProfile(), T0, 1).wrench(np.empty(0)).shape == (0, 6)
 
 
-def test_the_same_seed_gives_the_same_frames() -> None:
+def test_same_seed_gives_same_frames() -> None:
     def frames(seed: int) -> np.ndarray:
         cell = s3_jr3_cell(PaperCellProfile(gateway=GatewayProfile(boot_s=0.0)), T0, seed)
-        return read_frames(cell, settled_at(cell, (0.9, 0.0, 0.589)), 0.1)
+        return read_frames(cell, time_when_settled(cell, (0.9, 0.0, 0.589)), 0.1)
 
     np.testing.assert_array_equal(frames(2), frames(2))
     assert (frames(2) != frames(3)).any()
 
 
-def test_both_resting_places_of_one_position_differ_little() -> None:
+def test_both_rest_positions_differ_little() -> None:
     cell = s3_jr3_cell(PaperCellProfile(surface=SurfaceProfile(stiffness_n_m=20_000.0), tool=NO_TOOL), T0, 1)
     motion, forces, reported = cell.robot.motion, [], []
     for k, height in enumerate((0.588, 0.5875, 0.588)):
@@ -148,7 +148,7 @@ def test_both_resting_places_of_one_position_differ_little() -> None:
     assert 0.05 < abs(forces[2] - forces[0]) <= 20_000.0 * 0.000125
 
 
-def test_a_cell_is_read_from_plain_tables_by_name() -> None:
+def test_cell_profile_is_read_from_tables() -> None:
     adapter = TypeAdapter(PaperCellProfile)
     profile = adapter.validate_python(
         {
@@ -172,7 +172,7 @@ def test_a_cell_is_read_from_plain_tables_by_name() -> None:
         adapter.validate_python({"servo": {"damping_ratio": 0.0}})
 
 
-def test_a_start_out_of_reach_is_refused() -> None:
+def test_start_out_of_reach_is_refused() -> None:
     with pytest.raises(ValueError, match="work area"):
         s3_jr3_cell(PaperCellProfile(start_position_mm=(3000.0, 0.0, 0.0)), T0, 1)
 
@@ -181,18 +181,18 @@ Orders = list[tuple[float, int, float]]
 
 
 def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
-    """Messages of the gateway while the robot is told this: pauses in s, what, and how far in mm."""
+    """Return messages of the gateway during these orders: pauses in s, the order, and its distance in mm."""
     cell = s3_jr3_cell(profile, T0, seed=3)
     gateway, motion = cell.sensor, cell.robot.motion
     assert isinstance(gateway, Gateway)
     gateway.handle_deadline(T0 + 3.0)
     gateway.receive([CanFrame(0x201, struct.pack("<HI", 0, 7000))], T0 + 3.0)
-    told, now = [], T0 + 3.0
+    reported, now = [], T0 + 3.0
     for pause, what, far in [*orders, (0.3, 3, 0.0)]:
         now += pause
         while (due := gateway.next_deadline()) is not None and due <= now:
             gateway.handle_deadline(due)
-            told += [str(frame) for frame in gateway.data_to_send(due)]
+            reported += [str(frame) for frame in gateway.data_to_send(due)]
         match what:
             case 0:
                 motion.enqueue(Waypoint((0.9, -0.1, 0.6 - far / 1000.0), DOWN, 0.05), now)
@@ -202,7 +202,7 @@ def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
                 motion.freeze(now, now + 0.05)
             case _:
                 motion.halt(now)
-    return told
+    return reported
 
 
 @settings(max_examples=15, deadline=None)
@@ -215,7 +215,7 @@ def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
     st.sampled_from(("linear", "standard_linear_solid")),
 )
 @example([(0.01, 0, 13.0), (0.25, 3, 0.0), (0.1, 0, 12.0), (0.1, 1, 3.0), (0.1, 2, 0.0)], "linear")
-def test_the_sensor_reads_the_same_however_far_it_looks_ahead(orders: Orders, material: str) -> None:
+def test_readings_are_independent_of_look_ahead(orders: Orders, material: str) -> None:
     profile = TypeAdapter(PaperCellProfile).validate_python({"surface": {"material": {"kind": material}}})
     looking = frames_of(profile, orders)
     with pytest.MonkeyPatch.context() as patch:
@@ -224,7 +224,7 @@ def test_the_sensor_reads_the_same_however_far_it_looks_ahead(orders: Orders, ma
     assert len(looking) > 80
 
 
-def test_tool_that_starts_deep_in_the_surface_is_refused() -> None:
+def test_start_deep_inside_surface_is_refused() -> None:
     deep = PaperCellProfile(start_position_mm=(900.0, 0.0, 390.0))
     with pytest.raises(ValueError, match=r"the tool starts 200 mm inside the surface .*; start above 590 mm"):
         s3_jr3_cell(deep, T0, seed=5)

@@ -1,7 +1,7 @@
 """The compliant arm against closed forms, and against an integration step by step that shares no code with it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from emulators.cell import ToolProfile
 from emulators.seams import Floats
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from protocol.arm_size import PerAxis
 from protocol.geometry import Quaternion
 from protocol.marks import SettingError
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
@@ -75,7 +76,7 @@ def bearing_of(compliance: Floats, sag: Floats | None = None) -> Callable[[float
     return lambda time: Bearing(wrench, np.zeros(6) if sag is None else sag)
 
 
-def pressed(
+def press(
     height: Callable[[Floats], Floats], speed: Callable[[Floats], Floats], spring: Spring
 ) -> CompliantPath:
     return CompliantPath(ExactPath(height, speed), MODE, bearing_of(SOFT), Contact(spring), Grid(0.0))
@@ -100,6 +101,11 @@ def step_by_step(
     return np.array(tips)
 
 
+def six(values: Iterable[float]) -> PerAxis:
+    a, b, c, d, e, f = values
+    return a, b, c, d, e, f
+
+
 def settled_cell(profile: PaperCellProfile, height: float) -> PaperCell:
     cell = s3_jr3_cell(profile, T0, seed=5)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, height), DOWN, 1000.0), T0)
@@ -121,20 +127,23 @@ def test_press_at_rest_has_series_stiffness() -> None:
 
 def test_joint_compliance_agrees_with_turned_joints() -> None:
     cell = settled_cell(PaperCellProfile(arm=JOINTS), 0.65)
-    joints = cell.true_state(T0 + 8.0).joints
-    assert joints is not None
+    angles = cell.true_state(T0 + 8.0).joints
+    assert angles is not None
+    joints = six(angles)
     force = np.array([30.0, -20.0, 50.0])
     compliance = joint_compliance(cell.robot, joints, cell.robot.joint_stiffness)
     torques = []
     for axis in range(6):  # by virtual work, from turns of 0.1 mrad
-        turned = [q + (1e-4 if k == axis else 0.0) for k, q in enumerate(joints)]
-        moved = np.subtract(
-            cell.robot.tool_pose_at(tuple(turned)).position, cell.robot.tool_pose_at(joints).position
+        turned = six(q + (1e-4 if k == axis else 0.0) for k, q in enumerate(joints))
+        difference = np.subtract(
+            cell.robot.tool_pose_at(turned).position, cell.robot.tool_pose_at(joints).position
         )
-        torques.append(float(moved @ force) / 1e-4)
-    yielded = tuple(q + t / k for q, t, k in zip(joints, torques, cell.robot.joint_stiffness, strict=True))
-    moved = np.subtract(cell.robot.tool_pose_at(yielded).position, cell.robot.tool_pose_at(joints).position)
-    assert compliance[:3, :3] @ force == pytest.approx(moved, rel=2e-3, abs=1e-8)
+        torques.append(float(difference @ force) / 1e-4)
+    yielded = six(q + t / k for q, t, k in zip(joints, torques, cell.robot.joint_stiffness, strict=True))
+    difference = np.subtract(
+        cell.robot.tool_pose_at(yielded).position, cell.robot.tool_pose_at(joints).position
+    )
+    assert compliance[:3, :3] @ force == pytest.approx(difference, rel=2e-3, abs=1e-8)
     assert np.linalg.eigvalsh(compliance)[0] > 0.0
 
 
@@ -156,9 +165,7 @@ def test_reported_position_is_that_of_the_encoders() -> None:
 
 def test_free_tool_rings_with_its_frequency_and_damping() -> None:
     # the arm moves up at a constant speed and stops at time 1
-    path = pressed(
-        lambda t: 1.0 + 0.1 * np.minimum(t, 1.0), lambda t: np.where(t < 1.0, 0.1, 0.0), Spring(0.0)
-    )
+    path = press(lambda t: 1.0 + 0.1 * np.minimum(t, 1.0), lambda t: np.where(t < 1.0, 0.1, 0.0), Spring(0.0))
     times = np.arange(0.9, 2.0, 0.0002)
     height = path.trajectory(times)[0][:, 2] - 1.1
     after = times - 1.0 + STEP_S / 2.0  # the stop takes one step of the grid
@@ -178,11 +185,11 @@ def test_impact_agrees_with_small_steps(stiffness: float, damping: float) -> Non
 
     spring = Spring(stiffness, damping)
     times = np.arange(0.001, 0.3, 0.0007)
-    tips = pressed(height, speed, spring).trajectory(np.concatenate(([0.0], times)))[0][1:, 2]
+    tips = press(height, speed, spring).trajectory(np.concatenate(([0.0], times)))[0][1:, 2]
     expected = step_by_step(height, speed, spring, np.concatenate(([0.0], times)))[1:]
-    force, wanted = (np.maximum(-stiffness * np.minimum(tip, 0.0), 0.0) for tip in (tips, expected))
-    assert np.abs(force - wanted).max() < 0.02 * wanted.max()
-    assert force[-1] == pytest.approx(wanted[-1], rel=0.02)
+    force, expected_force = (np.maximum(-stiffness * np.minimum(tip, 0.0), 0.0) for tip in (tips, expected))
+    assert np.abs(force - expected_force).max() < 0.02 * expected_force.max()
+    assert force[-1] == pytest.approx(expected_force[-1], rel=0.02)
 
 
 @settings(max_examples=30, deadline=None)
@@ -216,7 +223,7 @@ def test_contact_never_adds_energy(stiffness: float, speed: float, depth: float,
 @given(cuts=st.lists(st.floats(0.0, 0.25), max_size=12))
 def test_reads_do_not_change_the_motion(cuts: list[float]) -> None:
     def made() -> CompliantPath:
-        return pressed(lambda t: 0.001 - 0.02 * t, lambda t: np.full(len(t), -0.02), Spring(50e3, 30.0))
+        return press(lambda t: 0.001 - 0.02 * t, lambda t: np.full(len(t), -0.02), Spring(50e3, 30.0))
 
     once, often = made(), made()
     for cut in sorted(cuts):

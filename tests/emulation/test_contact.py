@@ -1,4 +1,4 @@
-"""Forces of a surface on the tool tip."""
+"""Tests of the forces of a surface on the tool tip."""
 
 import math
 from typing import Any
@@ -21,13 +21,13 @@ def force(profile: SurfaceProfile, position: tuple[float, ...], velocity: tuple[
     return Contact(profile).force(np.array([position]), np.array([velocity]))[0]
 
 
-def test_a_spring_pushes_out_and_never_pulls() -> None:
+def test_spring_pushes_out_and_never_pulls() -> None:
     profile = SurfaceProfile(damping_ns_m=0.0)
     assert force(profile, (0.9, 0.0, TOP - 0.002), (0.0, 0.0, 0.0)) == pytest.approx([0.0, 0.0, 10.0])
     assert not force(profile, (0.9, 0.0, TOP + 1e-6), (0.0, 0.0, -1.0)).any()
 
 
-def test_damping_adds_on_the_way_in_and_never_pulls_on_the_way_out() -> None:
+def test_damping_resists_approach_and_never_pulls() -> None:
     profile = SurfaceProfile(damping_ns_m=50.0)
     inside = (0.9, 0.0, TOP - 0.002)
     assert force(profile, inside, (0.0, 0.0, -0.1)) == pytest.approx([0.0, 0.0, 15.0])
@@ -36,7 +36,7 @@ def test_damping_adds_on_the_way_in_and_never_pulls_on_the_way_out() -> None:
     assert not force(profile, (0.9, 0.0, TOP + 0.001), (0.0, 0.0, -1.0)).any()
 
 
-def test_friction_opposes_sliding_in_proportion_to_the_force() -> None:
+def test_friction_opposes_sliding_in_proportion_to_force() -> None:
     profile = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1e-6)
     pushed = force(profile, (0.9, 0.0, TOP - 0.002), (0.03, 0.04, 0.0))
     assert pushed == pytest.approx([-1.8, -2.4, 10.0])
@@ -67,7 +67,7 @@ def test_contact_never_pulls_and_friction_never_drives(
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-12)
 
 
-def test_the_normal_of_a_slope_leans_back_from_its_rise() -> None:
+def test_normal_of_slope_leans_back_from_rise() -> None:
     profile = SurfaceProfile(kind=SurfaceKind.SLOPED, slope_deg=30.0, damping_ns_m=0.0, friction=0.0)
     # 10 cm along the path (base y) the surface is 10 cm · tan 30° higher; 2 mm below it straight down.
     height = TOP + 0.1 * math.tan(math.radians(30.0))
@@ -76,7 +76,7 @@ def test_the_normal_of_a_slope_leans_back_from_its_rise() -> None:
     assert force(profile, (0.9, 0.1, height - 0.002), (0.0, 0.0, 0.0)) == pytest.approx(expected)
 
 
-def test_the_path_may_lie_in_any_direction() -> None:
+def test_path_may_have_any_direction() -> None:
     profile = SurfaceProfile(
         kind=SurfaceKind.SLOPED, slope_deg=30.0, path_deg=0.0, damping_ns_m=0.0, origin_x_mm=800.0
     )
@@ -86,20 +86,20 @@ def test_the_path_may_lie_in_any_direction() -> None:
     assert pushed[1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_an_arc_is_deep_by_its_radius() -> None:
+def test_depth_at_arc_axis_is_radius() -> None:
     along, height = np.array([0.03, 0.0, 0.2]), np.array([-0.01, 0.001, -0.1])
     depth, (normal_along, _, normal_up) = CircularArc(0.0, 0.1).depth_and_normal(along, along, height)
     assert depth == pytest.approx([0.1 - math.hypot(0.03, 0.09), -0.001, 0.1 - 0.2])
     assert normal_along[0] / normal_up[0] == pytest.approx(0.03 / 0.09)
 
 
-def test_an_arc_has_a_normal_even_in_its_axis() -> None:
+def test_arc_has_normal_on_its_axis() -> None:
     nothing = np.array([0.0])
     depth, (*_, up) = CircularArc(0.0, 0.1).depth_and_normal(nothing, nothing, np.array([-0.1]))
     assert (depth[0], up[0]) == (0.1, 1.0)
 
 
-def test_waves_agree_with_the_distance_to_the_curve() -> None:
+def test_wave_depth_matches_distance_to_curve() -> None:
     wave = Sinusoidal(0.0, 0.005, 0.1)
     curve_s = np.linspace(-0.05, 0.05, 200_001)
     curve_h = 0.005 * np.sin(2.0 * math.pi * curve_s / 0.1)
@@ -111,7 +111,7 @@ def test_waves_agree_with_the_distance_to_the_curve() -> None:
 
 
 @pytest.mark.parametrize("kind", BY_SETTINGS)
-def test_on_the_surface_depth_falls_fastest_along_the_outward_normal(kind: SurfaceKind) -> None:
+def test_normal_is_steepest_descent_of_depth(kind: SurfaceKind) -> None:
     contact = Contact(SurfaceProfile(kind=kind, path_deg=30.0))
     for along in (-0.04, 0.013, 0.031):
         place = np.array([0.9 + along * math.cos(math.pi / 6), along * math.sin(math.pi / 6), TOP])
@@ -123,12 +123,12 @@ def test_on_the_surface_depth_falls_fastest_along_the_outward_normal(kind: Surfa
         np.testing.assert_allclose((behind - ahead) / 2e-7, normal, rtol=0, atol=1e-6)
 
 
-def test_a_slope_of_nothing_is_flat() -> None:
+def test_zero_slope_is_flat() -> None:
     depth, (along, _, up) = Plane(0.5, 0.0).depth_and_normal(np.array([0.3]), np.zeros(1), np.array([0.499]))
     assert (depth[0], along[0], up[0]) == (pytest.approx(0.001), 0.0, 1.0)
 
 
-def test_the_depth_below_a_slope_is_the_one_of_its_shape_anywhere() -> None:
+def test_depth_below_slope_matches_shape() -> None:
     profile = SurfaceProfile(kind=SurfaceKind.SLOPED, slope_deg=20.0, path_deg=30.0, origin_y_mm=50.0)
     places = np.array([[0.9, 0.05, 0.59], [1.1, -0.3, 0.7], [0.4, 0.2, 0.5]])
     depth, normals = Contact(profile).depth_and_normal(places)
@@ -151,6 +151,6 @@ def test_the_depth_below_a_slope_is_the_one_of_its_shape_anywhere() -> None:
         {"stiffness_n_m": math.nan},
     ],
 )
-def test_a_surface_that_cannot_be_is_refused(bad: dict[str, Any]) -> None:
+def test_invalid_surface_is_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(bad))):
         SurfaceProfile(**bad)

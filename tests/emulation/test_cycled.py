@@ -1,4 +1,4 @@
-"""A path that a controller computes cycle by cycle: straight between places, and the same however it is read."""
+"""Tests of a path computed cycle by cycle: linear between positions, and independent of reads."""
 
 import math
 
@@ -15,12 +15,12 @@ LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 def height(cycle: int) -> float:
-    """Height at the begin of a cycle, m."""
+    """Return the height at the start of a cycle, m."""
     return 0.1 * math.sin(cycle / 40.0)
 
 
 class Wave:
-    """A controller whose arm swings, and turns each tenth cycle."""
+    """Controller whose arm oscillates, and turns every tenth cycle."""
 
     def __init__(self) -> None:
         self.steps = 0
@@ -35,7 +35,7 @@ class Wave:
         )
 
 
-def test_it_goes_straight_and_evenly_from_place_to_place() -> None:
+def test_path_is_linear_between_cycles() -> None:
     wave = Wave()
     times = T0 + PERIOD * (np.arange(400) / 4.0)
     places, speeds = wave.path.trajectory(times)
@@ -46,7 +46,7 @@ def test_it_goes_straight_and_evenly_from_place_to_place() -> None:
 
 
 @given(st.lists(st.floats(0.0, 0.3), min_size=1, max_size=8))
-def test_reads_in_between_change_nothing(reads: list[float]) -> None:
+def test_reads_in_between_have_no_effect(reads: list[float]) -> None:
     one, other = Wave(), Wave()
     for read in sorted(reads):
         one.path.trajectory(np.array([T0 + read]))
@@ -67,7 +67,7 @@ def test_orientations_cover_all_times_in_order() -> None:
     assert len({turned for _, turned in parts}) == len(parts) == 21
 
 
-def test_the_last_ten_seconds_are_kept_and_older_times_answer_as_the_oldest() -> None:
+def test_times_before_history_yield_oldest_state() -> None:
     wave = Wave()
     wave.path.advance(T0 + 12.0)
     places, _ = wave.path.trajectory(np.array([T0, T0 + 2.1, T0 + 12.0]))
@@ -75,14 +75,14 @@ def test_the_last_ten_seconds_are_kept_and_older_times_answer_as_the_oldest() ->
     assert places[0, 2] == pytest.approx(height(6001 - 5002 + 0) - height(1), abs=6e-3)
 
 
-def test_it_is_committed_to_the_end_of_its_cycle() -> None:
+def test_path_is_committed_to_end_of_cycle() -> None:
     path = Wave().path
     now = T0 + 10.5 * PERIOD
     assert path.committed_until(now) == pytest.approx(T0 + 11 * PERIOD)
     assert path.predicted_until(now) == path.committed_until(now) < T0 + 11 * PERIOD
 
 
-def test_targets_that_were_overtaken_never_began() -> None:
+def test_superseded_targets_never_begin() -> None:
     path = Wave().path
     assert path.begun_at(1) is None
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""The web services of an emulated EGM controller: documents, actions, login and subscriptions, without a port."""
+"""Tests of an emulated EGM controller's web services: documents, actions, login and subscriptions, without a port."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ EXECUTION, MOTORS = "/rw/rapid/execution", "/rw/panel/ctrlstate"
 
 
 class Served:
-    """A controller with its web services, at a time that a test moves."""
+    """Controller with its web services, at a time that a test advances."""
 
     def __init__(self, profile: EgmProfile | None = None) -> None:
         self.profile = profile or EgmProfile()
@@ -40,7 +40,7 @@ class Served:
         return self.services.answer(method, target, body, self.now).status
 
     def value(self, target: str, name: str) -> str:
-        """The first text of this class in a document."""
+        """Return the first text of this class in a document."""
         return self.values(target, name)[0]
 
     def values(self, target: str, name: str) -> list[str]:
@@ -53,13 +53,13 @@ class Served:
         return self.controller.session.state
 
 
-def test_json_has_the_type_that_abb_robot_client_reads() -> None:
+def test_json_has_type_that_abb_robot_client_reads() -> None:
     answer = Served().services.answer("GET", f"{EXECUTION}?json=1", "", 100.0)
     assert answer.kind == "application/json"
     assert json.loads(answer.body)["_embedded"]["_state"][0]["ctrlexecstate"] == "running"
 
 
-def test_a_stop_of_rapid_ends_the_guidance_and_a_start_lets_it_go_on() -> None:
+def test_rapid_stop_ends_guidance_and_start_resumes_it() -> None:
     served = Served()
     assert (served.state, served.value(EXECUTION, "ctrlexecstate")) == (State.GUIDING, "running")
     assert served.status("POST", f"{EXECUTION}?action=stop", "stopmode=stop") == 204
@@ -71,7 +71,7 @@ def test_a_stop_of_rapid_ends_the_guidance_and_a_start_lets_it_go_on() -> None:
     assert served.controller.counters["sessions"] == 1
 
 
-def test_a_start_behind_a_reset_pointer_begins_another_session() -> None:
+def test_start_after_pointer_reset_begins_new_session() -> None:
     served = Served()
     assert served.status("POST", f"{EXECUTION}?action=resetpp") == 403
     served.status("POST", f"{EXECUTION}?action=stop")
@@ -81,7 +81,7 @@ def test_a_start_behind_a_reset_pointer_begins_another_session() -> None:
     assert (served.state, served.controller.counters["sessions"]) == (State.GUIDING, 2)
 
 
-def test_motors_off_end_the_guidance_and_motors_on_leave_rapid_stopped() -> None:
+def test_motors_on_leave_rapid_stopped() -> None:
     served = Served()
     assert served.status("POST", f"{MOTORS}?action=setctrlstate", "ctrl-state=motoroff") == 204
     served.run(0.1)
@@ -95,14 +95,14 @@ def test_motors_off_end_the_guidance_and_motors_on_leave_rapid_stopped() -> None
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "message"),
     [("emergency-stop", "emergencystop"), ("motors-off", "motoroff"), ("program-stopped", "motoron")],
 )
-def test_no_request_starts_what_people_have_stopped(fault: str, told: str) -> None:
+def test_requests_cannot_override_operator_stop(fault: str, message: str) -> None:
     served = Served()
     injection = Injection("robot", fault, {}, served.now, served.now + 9.0)
     served.controller.handlers["robot"][fault].begin(injection)
-    assert served.value(MOTORS, "ctrlstate") == told
+    assert served.value(MOTORS, "ctrlstate") == message
     assert served.status("POST", f"{EXECUTION}?action=start") == 403
     motors = served.status("POST", f"{MOTORS}?action=setctrlstate", "ctrl-state=motoron")
     assert motors == (204 if fault == "program-stopped" else 403)
@@ -110,7 +110,7 @@ def test_no_request_starts_what_people_have_stopped(fault: str, told: str) -> No
     assert served.state in (State.MOTORS_OFF, State.RAPID_STOPPED)
 
 
-def test_a_signal_ends_the_guidance_and_another_begins_it() -> None:
+def test_signals_end_and_begin_guidance() -> None:
     served = Served()
     signals = "/rw/iosystem/signals"
     assert served.value("/rw/rapid/symbol/data/RAPID/T_ROB1/TRobEGM/current_action", "value") == "2"
@@ -125,7 +125,7 @@ def test_a_signal_ends_the_guidance_and_another_begins_it() -> None:
     assert served.state is State.GUIDING
 
 
-def test_documents_tell_what_the_public_library_looks_for() -> None:
+def test_documents_have_fields_that_library_requires() -> None:
     served = Served(EgmProfile(rw="6.10"))
     assert served.value("/rw/system", "rwversionname") == "6.10.00.00"
     assert served.values("/rw/rapid/tasks", "excstate") == ["star"]
@@ -140,15 +140,15 @@ def test_documents_tell_what_the_public_library_looks_for() -> None:
     assert abs(float(served.value("/rw/motionsystem/mechunits/ROB_1/jointtarget", "rax_1"))) < 10.0
 
 
-def test_the_add_in_whose_data_stand_there_is_among_the_options() -> None:
-    """By these two names abb_egm_rws_managers asks for the data of the add-in's modules."""
+def test_add_in_is_listed_among_options() -> None:
+    """abb_egm_rws_managers requests the data of the add-in's modules by these two names."""
     options = Served().values("/rw/system", "option")
     assert {"689-1 Externally Guided Motion (EGM)", "StateMachine"} <= set(options)
     modules = Served().values("/rw/rapid/modules?task=T_ROB1", "name")
     assert {"TRobMain", "TRobEGM"} <= set(modules)
 
 
-def test_a_document_as_json_tells_the_same() -> None:
+def test_json_document_matches_xhtml() -> None:
     answer = Served().services.answer("GET", f"{MOTORS}?json=1", "", 100.1)
     assert json.loads(answer.body)["_embedded"]["_state"][0]["ctrlstate"] == "motoron"
 
@@ -178,9 +178,7 @@ def test_a_document_as_json_tells_the_same() -> None:
         ("DELETE", "/subscription/9", "", 404),
     ],
 )  # fmt: skip
-def test_a_request_that_cannot_be_is_refused_and_changes_nothing(
-    method: str, target: str, body: str, status: int
-) -> None:
+def test_invalid_request_is_refused_without_effect(method: str, target: str, body: str, status: int) -> None:
     served = Served()
     assert served.status(method, target, body) == status
     assert served.state is State.GUIDING
@@ -194,7 +192,7 @@ def test_written_data_is_read_back() -> None:
     assert served.value(data.replace("/data/", "/properties/"), "dattyp") == "string"
 
 
-def test_a_subscriber_is_told_what_has_changed_and_nothing_else() -> None:
+def test_subscriber_receives_only_changes() -> None:
     served = Served()
     body = f"resources=0&0={MOTORS};ctrlstate&0-p=1&resources=1&1={EXECUTION};ctrlexecstate&1-p=1"
     answer = served.services.answer("POST", "/subscription", body, served.now)
@@ -219,7 +217,7 @@ def test_subscriptions_are_bounded() -> None:
     assert statuses == [201] * GROUPS_MAX + [503]
 
 
-def test_the_requests_of_a_foreign_client_have_the_statuses_that_it_accepted() -> None:
+def test_requests_of_recorded_client_have_its_statuses() -> None:
     served = Served()
     statuses = []
     for method, target, body, _ in REQUESTS:
@@ -234,7 +232,7 @@ def test_the_requests_of_a_foreign_client_have_the_statuses_that_it_accepted() -
 
 
 def credentials(login: Login, password: str = "robotics", target: str = "/rw/system", uri: str = "") -> str:
-    """A right answer to a challenge, by RFC 2617, unless the test spoils it."""
+    """Return a correct answer to a challenge, by RFC 2617, unless the test falsifies it."""
     nonce = login.challenge().partition('nonce="')[2].partition('"')[0]
     uri = uri or target
     first = hashlib.md5(f"Default User:{REALM}:{password}".encode()).hexdigest()
@@ -246,7 +244,7 @@ def credentials(login: Login, password: str = "robotics", target: str = "/rw/sys
     )
 
 
-def test_the_usual_password_opens_a_session_that_ends_unused() -> None:
+def test_unused_session_expires() -> None:
     login = Login(b"secret")
     assert login.accepts(credentials(login), "GET", "/rw/system")
     cookies = login.open(0.0)
@@ -256,7 +254,7 @@ def test_the_usual_password_opens_a_session_that_ends_unused() -> None:
     assert not login.knows({}, 0.0)
 
 
-def test_what_is_no_right_answer_is_not_accepted() -> None:
+def test_wrong_digest_response_is_refused() -> None:
     login = Login(b"secret")
     assert not login.accepts(credentials(login, password="wrong"), "GET", "/rw/system")
     assert not login.accepts(credentials(login), "POST", "/rw/system")

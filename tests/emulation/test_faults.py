@@ -1,4 +1,4 @@
-"""Faults of the emulated devices at their exact samples, whatever had been computed ahead."""
+"""Tests of the emulated devices' faults at their exact samples, even if samples were computed ahead."""
 
 import math
 from collections.abc import Callable
@@ -34,7 +34,7 @@ Inject = Callable[[PaperCell, float], object]
 
 
 def moving_cell(surface: SurfaceProfile = LINEAR) -> PaperCell:
-    """A cell whose tool presses into the surface from 1 s on, 4 mm deep, and comes up again slowly."""
+    """Return a cell whose tool presses into the surface from 1 s on, 4 mm deep, and moves up again slowly."""
     cell = s3_jr3_cell(PaperCellProfile(surface=surface), T0, seed=3)
     for depth, speed in ((-0.012, 0.01), (-0.014, 0.01), (-0.011, 0.001)):
         cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.6 + depth), DOWN, speed), T0)
@@ -44,7 +44,7 @@ def moving_cell(surface: SurfaceProfile = LINEAR) -> PaperCell:
 def counts(
     cell: PaperCell, inject: Inject | None = None, at: float = 2.0, begin: float = 0.0
 ) -> NDArray[Any]:
-    """Counts of all samples of four seconds, read in blocks of 10 ms; injected after what `at` tells was read."""
+    """Return counts of all samples of four seconds, read in blocks of 10 ms; `at` gives the time of the injection."""
     blocks, step, injected = [], RATE // 100, inject is None
     first = round((T0 + begin) * RATE)
     last = round((T0 + 4.0) * RATE)
@@ -53,7 +53,7 @@ def counts(
             assert inject is not None
             inject(cell, first / RATE)
             injected = True
-        # As a gateway does: it takes all that is told, and uses the part that has come.
+        # Like a gateway: it reads everything available, and uses the part that is due.
         blocks.append(cell.sensor.jr3.counts_from(first, first + step - 1)[:step].copy())
         first += step
     return np.concatenate(blocks)
@@ -64,7 +64,7 @@ def scaled(**parameters: object) -> Inject:
 
 
 @SURFACES
-def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: SurfaceProfile) -> None:
+def test_signal_fault_affects_exact_sample_range(surface: SurfaceProfile) -> None:
     clean = counts(moving_cell(surface))
     broken = counts(moving_cell(surface), scaled(axis="fz", factor=-3.0, for_s=0.5))
     begin, end = 2 * RATE, 2 * RATE + RATE // 2
@@ -89,13 +89,13 @@ def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: Surfa
         ("obstacle", "above", {"height_mm": 0.0}),
     ],
 )
-def test_what_was_computed_ahead_is_forgotten(
+def test_fault_invalidates_samples_computed_ahead(
     surface: SurfaceProfile, target: str, fault: str, parameters: dict[str, object]
 ) -> None:
     def inject(cell: PaperCell, now: float) -> None:
         cell.inject(target, fault, now, **parameters)
 
-    # One reads on and is surprised, the other begins to read when the fault begins.
+    # One reader continues across the fault, the other starts when the fault begins.
     surprised = counts(moving_cell(surface), inject)
     cell = moving_cell(surface)
     inject(cell, T0 + 2.0)
@@ -105,7 +105,7 @@ def test_what_was_computed_ahead_is_forgotten(
 
 
 @SURFACES
-def test_a_fault_that_is_mended_early_leaves_no_trace(surface: SurfaceProfile) -> None:
+def test_fault_ended_early_leaves_no_trace(surface: SurfaceProfile) -> None:
     cell = moving_cell(surface)
 
     def inject(cell: PaperCell, now: float) -> None:
@@ -116,25 +116,25 @@ def test_a_fault_that_is_mended_early_leaves_no_trace(surface: SurfaceProfile) -
 
 
 def signal(fault: str, **parameters: object) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Counts of the last two seconds, without and with a fault for all of them."""
+    """Return counts of the last two seconds, without a fault and with a fault for all of them."""
     clean = counts(moving_cell())[2 * RATE :]
     broken = counts(moving_cell(), lambda cell, now: cell.inject("signal", fault, now, **parameters))
     return clean, broken[2 * RATE :]
 
 
-def test_a_stuck_signal_repeats_its_first_sample() -> None:
+def test_stuck_signal_repeats_first_sample() -> None:
     clean, broken = signal("stuck")
     assert np.array_equal(broken, np.broadcast_to(clean[0], clean.shape))
 
 
-def test_a_dead_axis_gives_its_noise_only() -> None:
+def test_dead_axis_reports_noise_only() -> None:
     clean, broken = signal("dead", axis="all")
     assert np.abs(clean[:, 2]).max() > 500
     assert np.abs(broken).max() < 8
     assert broken.std() == pytest.approx(1.0, abs=0.1)
 
 
-def test_swapped_turned_and_negated_axes() -> None:
+def test_axes_can_be_swapped_turned_and_negated() -> None:
     clean, broken = signal("swapped", axis="fx", other="mz")
     assert np.abs(broken[:, 2] - clean[:, 2]).max() == 0
     clean, broken = signal("turned", degrees=180.0)
@@ -143,20 +143,20 @@ def test_swapped_turned_and_negated_axes() -> None:
     assert np.allclose(broken[:, 2], -clean[:, 2], atol=12)
 
 
-def test_a_loose_contact_comes_and_goes() -> None:
+def test_intermittent_axis_alternates() -> None:
     clean, broken = signal("intermittent", axis="fz", period_s=0.2, duty=0.25)
     lost = np.arange(len(clean)) % (RATE // 5) < 0.75 * RATE / 5
     assert np.array_equal(broken[~lost], clean[~lost])
     assert np.abs(broken[lost, 2]).max() < 8
 
 
-def test_a_spike_is_as_long_as_it_is() -> None:
+def test_spike_lasts_configured_duration() -> None:
     clean, broken = signal("spike", amount=60.0)
     differs = np.flatnonzero(broken[:, 2] != clean[:, 2])
     assert (differs[0], differs[-1], len(differs)) == (0, 39, 40), "5 ms at 8 kHz"
 
 
-def test_noise_grows_and_the_signal_stays() -> None:
+def test_noise_fault_scales_noise_only() -> None:
     clean, broken = signal("noise", factor=30.0)
     assert (broken[:, 0] - clean[:, 0]).std() == pytest.approx(29.0, rel=0.05)
     quiet = s3_jr3_cell(PaperCellProfile(sensor=replace(PaperCellProfile().sensor, noise_counts=0.0)), T0, 1)
@@ -164,7 +164,7 @@ def test_noise_grows_and_the_signal_stays() -> None:
         quiet.inject("signal", "noise", T0)
 
 
-def test_a_receiver_board_has_the_same_faults_at_the_same_samples() -> None:
+def test_receiver_board_has_same_faults_at_same_samples() -> None:
     def raw(begin: float | None) -> NDArray[Any]:
         cell, first = moving_cell(), round(T0 * RATE)
         if begin is not None:
@@ -183,7 +183,7 @@ def force(cell: PaperCell, at: float) -> float:
     return cell.true_state(T0 + at).contact_force[2]
 
 
-def test_a_step_is_a_ramp_of_the_surface_and_goes_back() -> None:
+def test_surface_step_ramps_up_and_back() -> None:
     cell = moving_cell()
     cell.robot.motion.halt(T0 + 1.3)  # 3 mm deep: 15 N
     before = force(cell, 2.0)
@@ -193,7 +193,7 @@ def test_a_step_is_a_ramp_of_the_surface_and_goes_back() -> None:
     )
 
 
-def test_a_hole_an_inclusion_and_a_surface_that_rises() -> None:
+def test_hole_inclusion_and_rising_surface() -> None:
     cell = moving_cell()
     cell.robot.motion.halt(T0 + 1.3)
     before = force(cell, 2.0)
@@ -205,7 +205,7 @@ def test_a_hole_an_inclusion_and_a_surface_that_rises() -> None:
     assert force(cell, 3.8) == 0.0
 
 
-def test_an_obstacle_pushes_down_and_only_while_it_is_there() -> None:
+def test_obstacle_pushes_down_while_active() -> None:
     cell = s3_jr3_cell(PaperCellProfile(obstacle=ObstacleProfile(5.0, 2000.0)), T0, seed=3)
     cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.606), DOWN, 0.01), T0)
     assert force(cell, 0.3) == 0.0
@@ -216,40 +216,40 @@ def test_an_obstacle_pushes_down_and_only_while_it_is_there() -> None:
     assert force(cell, 3.1) == pytest.approx(-4.0, abs=0.15)
 
 
-# --- the pose that is told
+# --- reported pose
 
 
-def told(cell: PaperCell, at: float) -> Any:
+def status_at(cell: PaperCell, at: float) -> Any:
     return cell.robot._executive.status(T0 + at)
 
 
-def test_a_false_position_leaves_the_arm_where_it_is() -> None:
+def test_false_position_does_not_move_arm() -> None:
     cell, true = moving_cell(), moving_cell()
     cell.inject("pose", "offset", T0 + 0.5, x_mm=1000.0, for_s=0.5)
-    assert told(cell, 0.4).position == told(true, 0.4).position
-    assert told(cell, 0.6).position[0] - told(true, 0.6).position[0] == pytest.approx(1.0)
-    assert told(cell, 1.0) == told(true, 1.0), "its end is excluded"
+    assert status_at(cell, 0.4).position == status_at(true, 0.4).position
+    assert status_at(cell, 0.6).position[0] - status_at(true, 0.6).position[0] == pytest.approx(1.0)
+    assert status_at(cell, 1.0) == status_at(true, 1.0), "its end is excluded"
     assert cell.true_state(T0 + 0.9).position == true.true_state(T0 + 0.9).position
     far = cell.inject("pose", "offset", T0 + 1.1, x_mm=2000.0, y_mm=-2000.0, z_mm=2000.0)
     cell.inject("pose", "offset", T0 + 1.1, x_mm=2000.0)
-    assert told(cell, 1.2).position[0] == pytest.approx(4.095875), "as far as a word can tell"
+    assert status_at(cell, 1.2).position[0] == pytest.approx(4.095875), "as far as a word can tell"
     assert far.struck == 1
 
 
-def test_mirrored_frozen_late_and_turned() -> None:
+def test_pose_faults_mirror_freeze_delay_and_turn() -> None:
     cell, true = moving_cell(), moving_cell()
-    start = told(true, 0.5).position[2]
+    start = status_at(true, 0.5).position[2]
     cell.inject("pose", "mirrored", T0 + 0.5, axis="z", for_s=0.5)
-    assert told(cell, 0.9).position[2] - start == pytest.approx(start - told(true, 0.9).position[2])
+    assert status_at(cell, 0.9).position[2] - start == pytest.approx(start - status_at(true, 0.9).position[2])
     cell.inject("pose", "frozen", T0 + 1.0, for_s=0.5)
-    assert told(cell, 1.4).position == told(true, 1.0).position
+    assert status_at(cell, 1.4).position == status_at(true, 1.0).position
     cell.inject("pose", "late", T0 + 1.5, ms=300.0, for_s=0.5)
-    assert told(cell, 1.9).position == told(true, 1.6).position
+    assert status_at(cell, 1.9).position == status_at(true, 1.6).position
     cell.inject("pose", "turned", T0 + 2.0, degrees=90.0, axis="x", for_s=0.5)
     half = math.sqrt(0.5)
-    assert told(cell, 2.1).quaternion == pytest.approx((-half, half, 0.0, 0.0), abs=1e-4)
+    assert status_at(cell, 2.1).quaternion == pytest.approx((-half, half, 0.0, 0.0), abs=1e-4)
     cell.inject("robot", "false-standby", T0 + 2.5)
-    assert (told(cell, 2.6).standby, told(cell, 2.6).operation) == (True, False)
+    assert (status_at(cell, 2.6).standby, status_at(cell, 2.6).operation) == (True, False)
 
 
 # --- wires
@@ -269,7 +269,7 @@ DATA = bytes(range(256)) * 4
     ("fault", "left"),
     [("off", 0), ("lost", 512), ("twice", 1536), ("corrupted", 1024), ("garbled", 1024)],
 )
-def test_what_a_bad_wire_does_to_bytes(fault: str, left: int) -> None:
+def test_wire_faults_alter_bytes(fault: str, left: int) -> None:
     parameters = {} if fault == "off" else {"probability": 0.5, "for_s": 2.0}
     bad, injection = wire(BYTES, fault, **parameters)
     out = bad.outgoing(DATA, T0)
@@ -280,7 +280,7 @@ def test_what_a_bad_wire_does_to_bytes(fault: str, left: int) -> None:
     assert wire(BYTES, fault, **parameters)[0].outgoing(DATA, T0) == out, "repeats with the seed"
 
 
-def test_a_delay_keeps_the_order_and_has_a_deadline() -> None:
+def test_delay_keeps_order_and_sets_deadline() -> None:
     bad, _ = wire(BYTES, "late", ms=250.0, for_s=0.1)
     assert bad.outgoing(b"a", T0) == b""
     assert bad.outgoing(b"b", T0 + 0.2) == b"", "never before what went out earlier"
@@ -289,7 +289,7 @@ def test_a_delay_keeps_the_order_and_has_a_deadline() -> None:
     assert bad.endpoint.next_deadline() is None
 
 
-def test_one_way_alone_and_the_next_frames() -> None:
+def test_fault_of_one_direction_affects_next_frames() -> None:
     frames = [CanFrame(0x100 + k, bytes([k])) for k in range(5)]
     bad, _ = wire(FRAMES, "deaf")
     assert (list(bad.incoming(frames, T0)), list(bad.outgoing(frames, T0))) == ([], frames)
@@ -305,16 +305,16 @@ def test_one_way_alone_and_the_next_frames() -> None:
         assert (sent.data[0] ^ come.data[0]).bit_count() == 1
 
 
-def test_a_line_of_bytes_has_no_packets_to_cut_or_to_exchange() -> None:
+def test_byte_line_has_no_malformed_or_reordered_fault() -> None:
     for fault in ("malformed", "reordered"):
         with pytest.raises(
-            ValueError, match=f"^this wire cannot have '{fault}'; it can have off, mute, [^\n]+$"
+            ValueError, match=f"^unknown fault '{fault}' for target 'wire'; known: off, mute, [^\n]+$"
         ):
             wire(BYTES, fault)
         assert wire(FRAMES, fault)
 
 
-def test_two_faults_of_one_wire_strike_one_after_the_other() -> None:
+def test_two_wire_faults_act_in_sequence() -> None:
     sent = [bytes([k]) * 4 for k in range(4)]
     bad, _ = wire(DATAGRAMS, "twice", "reordered", probability=1.0, way="from")
     assert bad.outgoing(sent[:1], T0) == [sent[0], sent[0]]
@@ -322,7 +322,7 @@ def test_two_faults_of_one_wire_strike_one_after_the_other() -> None:
     assert bad.outgoing(sent, T0) == [one[:2] for one in (sent[1], sent[0], sent[3], sent[2])]
 
 
-def test_a_packet_that_was_kept_back_comes_when_the_fault_is_over() -> None:
+def test_held_back_packet_arrives_after_fault() -> None:
     sent = [bytes([k]) * 4 for k in range(3)]
     bad, _ = wire(DATAGRAMS, "reordered", way="from", for_s=0.1)
     assert bad.outgoing(sent[:1], T0) == []
@@ -332,10 +332,10 @@ def test_a_packet_that_was_kept_back_comes_when_the_fault_is_over() -> None:
 # --- the ledger
 
 
-def test_the_ledger_tells_what_was_when_and_how_often() -> None:
+def test_ledger_lists_times_and_counts() -> None:
     cell = moving_cell()
-    said: list[str] = []
-    cell.ledger.on_fault = lambda news: said.append(news.text)
+    messages: list[str] = []
+    cell.ledger.on_fault = lambda news: messages.append(news.text)
     cell.inject("signal", "dead", T0 + 1.0, axis="fx", for_s=0.5)
     cell.inject("robot", "motors-off", T0 + 1.1)
     cell.inject("wire", "drop-ack", T0 + 1.2)
@@ -348,7 +348,7 @@ def test_the_ledger_tells_what_was_when_and_how_often() -> None:
         ("robot", "motors-off", T0 + 1.1, T0 + 1.1),
         ("wire", "drop-ack", T0 + 1.2, None),
     ]
-    assert said == [
+    assert messages == [
         "signal: dead (axis fx) begins for 0.5 s",
         "robot: motors-off happens",
         "wire: drop-ack (of block, count 1) begins",
@@ -363,30 +363,28 @@ def test_the_ledger_tells_what_was_when_and_how_often() -> None:
         (GATEWAY, "computer", "pause"),
     ],
 )
-def test_a_fault_that_no_device_of_the_cell_has_is_refused(
-    receiver: Receiver, target: str, fault: str
-) -> None:
+def test_unsupported_fault_is_refused(receiver: Receiver, target: str, fault: str) -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
     with pytest.raises(ValueError, match=f"^this cell cannot have {target}: {fault}; [^\n]+$"):
         cell.inject(target, fault, T0)
     cell.inject("sensor", "wrong-scales", T0)
 
 
-def test_a_board_that_is_read_has_no_faults_of_a_stream() -> None:
+def test_polled_board_has_no_stream_faults() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=BOARD)
-    with pytest.raises(ValueError, match=r"^no target is called 'sensor-wire'; known: robot, [^\n]+$"):
+    with pytest.raises(ValueError, match=r"^unknown target 'sensor-wire'; known: robot, [^\n]+$"):
         cell.inject("sensor-wire", "lost", T0)
 
 
 @pytest.mark.parametrize("receiver", [GATEWAY, UART])
-def test_a_gateway_has_no_second_sensor(receiver: Receiver) -> None:
+def test_gateway_has_no_second_sensor_fault(receiver: Receiver) -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
     with pytest.raises(ValueError, match=r"^unplugged: sensor must be first, got 'second'$"):
         cell.inject("sensor", "unplugged", T0, sensor="second")
     cell.inject("sensor", "unplugged", T0)
 
 
-def test_a_second_sensor_that_the_board_s_words_cannot_hold_is_refused() -> None:
+def test_oversized_second_sensor_is_refused() -> None:
     sensor = SensorProfile(full_scales_n=(5000.0, 5000.0, 5000.0), full_scales_nm=(500.0, 500.0, 500.0))
     profile = PaperCellProfile(sensor=sensor, board=BoardProfile(units=3))
     cell = s3_jr3_cell(profile, T0, 1, receiver=BOARD)
@@ -394,7 +392,7 @@ def test_a_second_sensor_that_the_board_s_words_cannot_hold_is_refused() -> None
         cell.inject("sensor", "unplugged", T0, sensor="second")
 
 
-def test_a_cell_takes_so_many_faults_and_no_more() -> None:
+def test_number_of_faults_per_cell_is_limited() -> None:
     cell = moving_cell()
     for _ in range(INJECTION_LIMIT):
         cell.inject("wire", "babble", T0, count=1)
@@ -406,7 +404,7 @@ def test_a_cell_takes_so_many_faults_and_no_more() -> None:
 # --- the count of what a fault struck
 
 
-def test_a_stuck_signal_strikes_the_samples_that_were_others() -> None:
+def test_stuck_signal_counts_changed_samples() -> None:
     signal, ledger = Signal(100.0, "", lambda number: None), Ledger({"signal": SIGNAL_FAULTS})
     ledger.attach("signal", signal.handlers)
     injection = ledger.inject("signal", "stuck", 1.0, {"for_s": 0.06})

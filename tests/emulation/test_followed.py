@@ -1,4 +1,4 @@
-"""An arm that follows a stream of targets, in fed time."""
+"""Tests of an arm that follows a stream of targets, on a simulated clock."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def at(x: float = 0.0, z: float = 0.0) -> Pose:
 
 
 def stream(followed: FollowedArm, place: Callable[[float], Pose], seconds: float) -> float:
-    """A target in the middle of every cycle; the time of the last one."""
+    """Send a target in the middle of every cycle; return the time of the last one."""
     now = T0
     for k in range(round(seconds / CYCLE)):
         now = T0 + (k + 0.5) * CYCLE
@@ -35,12 +35,12 @@ def stream(followed: FollowedArm, place: Callable[[float], Pose], seconds: float
     return now
 
 
-def test_a_step_is_answered_as_the_critically_damped_loop_does() -> None:
+def test_step_response_is_critically_damped() -> None:
     followed = arm(speed_mm_s=1e6)
     followed.follow(at(x=0.005), T0 + 0.001)
-    taken = T0 + CYCLE + DELAY
+    started_at = T0 + CYCLE + DELAY
     tau = np.linspace(-0.02, 0.2, 300)
-    positions, velocities = followed.path.trajectory(taken + tau)
+    positions, velocities = followed.path.trajectory(started_at + tau)
     after = np.maximum(tau, 0.0)
     expected = START[0] + 0.005 * (1.0 - (1.0 + FREQUENCY * after) * np.exp(-FREQUENCY * after))
     np.testing.assert_allclose(positions[:, 0], expected, rtol=0, atol=1e-12)
@@ -49,7 +49,7 @@ def test_a_step_is_answered_as_the_critically_damped_loop_does() -> None:
     assert np.ptp(positions[:, 1:], axis=0) == pytest.approx([0.0, 0.0], abs=1e-15)
 
 
-def test_a_ramp_is_followed_with_the_lag_of_stream_delay_and_loop() -> None:
+def test_ramp_lag_is_sum_of_stream_delay_and_loop() -> None:
     followed = arm()
     speed = 0.1
     last = stream(followed, lambda elapsed: at(x=speed * elapsed), 1.0)
@@ -62,7 +62,7 @@ def test_a_ramp_is_followed_with_the_lag_of_stream_delay_and_loop() -> None:
     assert velocities[:, 0] == pytest.approx(np.full(len(times), speed), rel=0.2)
 
 
-def test_a_stream_that_stops_leaves_the_arm_at_its_last_target() -> None:
+def test_arm_stays_at_last_target_when_stream_stops() -> None:
     followed = arm()
     last = stream(followed, lambda elapsed: at(x=0.1 * elapsed), 0.5)
     target = 0.1 * (last - T0)
@@ -72,7 +72,7 @@ def test_a_stream_that_stops_leaves_the_arm_at_its_last_target() -> None:
     assert np.abs(velocities).max() < 1e-8
 
 
-def test_a_hold_stops_where_the_set_point_is_and_gives_up_what_waits() -> None:
+def test_hold_stops_at_set_point_and_drops_targets() -> None:
     followed = arm()
     followed.follow(at(x=0.1), T0 + 0.001)
     now = T0 + 0.2002
@@ -82,13 +82,13 @@ def test_a_hold_stops_where_the_set_point_is_and_gives_up_what_waits() -> None:
     # 50 ticks at 250 mm/s.
     assert place == pytest.approx(START[0] + 50 * 0.001, abs=1e-12)
     assert followed.pose(now + 1.0).position[0] == pytest.approx(place, abs=1e-9)
-    given_up = followed.path.begun_at(2)
-    assert given_up is not None
-    assert math.isnan(given_up)
+    abandoned = followed.path.begun_at(2)
+    assert abandoned is not None
+    assert math.isnan(abandoned)
 
 
 @pytest.mark.parametrize("speed_mm_s", [50.0, 250.0])
-def test_no_target_moves_the_set_point_faster_than_allowed(speed_mm_s: float) -> None:
+def test_set_point_speed_is_limited(speed_mm_s: float) -> None:
     followed = arm(speed_mm_s=speed_mm_s)
     followed.follow(Pose((START[0] + 0.3, START[1] - 0.4, START[2]), DOWN), T0)
     ticks = T0 + 0.001 + CYCLE * np.arange(1, 100)
@@ -102,7 +102,7 @@ def test_no_target_moves_the_set_point_faster_than_allowed(speed_mm_s: float) ->
     assert steps.max() > speed_mm_s * 1e-3 * CYCLE * 0.99
 
 
-def test_orientation_turns_no_faster_than_allowed() -> None:
+def test_turn_rate_is_limited() -> None:
     followed = arm()
     turned = (0.0, math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0)  # 45° about z
     followed.follow(Pose(START, turned), T0)
@@ -114,7 +114,7 @@ def test_orientation_turns_no_faster_than_allowed() -> None:
         followed.follow(Pose(START, (0.0, 0.0, 0.0, 0.0)), T0 + 1.0)
 
 
-def test_a_target_begins_with_the_first_set_point_towards_it() -> None:
+def test_target_begins_with_first_set_point() -> None:
     followed = arm()
     followed.follow(at(x=0.01), T0 + 0.001)
     followed.follow(at(x=0.02), T0 + 0.002)
@@ -131,7 +131,7 @@ def test_a_target_begins_with_the_first_set_point_towards_it() -> None:
     assert positions[1, 0] > START[0]
 
 
-def test_what_is_committed_stays_whatever_comes_next() -> None:
+def test_committed_path_is_final() -> None:
     watched, other = arm(), arm()
     for followed in (watched, other):
         followed.follow(at(x=0.05), T0 + 0.001)
@@ -140,10 +140,10 @@ def test_what_is_committed_stays_whatever_comes_next() -> None:
     assert now + DELAY < until < now + DELAY + CYCLE
     assert watched.path.predicted_until(now) == until, "a stream is not worth looking ahead"
     times = np.linspace(now, until, 40)
-    seen = watched.path.trajectory(times)[0]
+    observed = watched.path.trajectory(times)[0]
     for followed in (watched, other):
         followed.follow(at(x=-0.05), now)
-    np.testing.assert_array_equal(seen, other.path.trajectory(times)[0])
+    np.testing.assert_array_equal(observed, other.path.trajectory(times)[0])
 
 
 Targets = list[tuple[float, float]]
@@ -155,13 +155,11 @@ Targets = list[tuple[float, float]]
     st.lists(st.floats(0.0, 0.7), max_size=30),
     st.sampled_from((0.0, 0.05)),
 )
-def test_the_path_is_the_same_however_often_it_is_asked(
-    targets: Targets, asked: list[float], look_ahead: float
-) -> None:
+def test_path_is_independent_of_reads(targets: Targets, read_times: list[float], look_ahead: float) -> None:
     once, often = arm(), arm(look_ahead)
     changes: list[float] = []
     often.path.on_change = changes.append
-    questions = sorted(T0 + gap for gap in asked)
+    questions = sorted(T0 + gap for gap in read_times)
     now = T0
     for pause, place in targets:
         now += pause

@@ -1,4 +1,4 @@
-"""The emulated FT 300: its states, its refusals, its faults, and hostile bytes."""
+"""Tests of the emulated FT 300: its states, its refusals, its faults, and invalid bytes."""
 
 from collections.abc import Callable
 from typing import Any
@@ -37,25 +37,25 @@ def sensor(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) ->
 
 
 def ledger(device: Ft300) -> Ledger:
-    found = Ledger(FT300_FAULTS)
+    result = Ledger(FT300_FAULTS)
     for target, handlers in device.handlers.items():
-        found.attach(target, handlers)
-    return found
+        result.attach(target, handlers)
+    return result
 
 
-def told(device: Ft300, until: float) -> list[tuple[float, bytes]]:
-    """The messages that it sends up to a time, each with its time."""
-    found = []
+def messages_until(device: Ft300, until: float) -> list[tuple[float, bytes]]:
+    """Return the messages that it sends up to a time, each with its time."""
+    result = []
     while (due := device.endpoint.next_deadline()) is not None and due <= until:
         device.endpoint.handle_deadline(due)
         if data := device.endpoint.data_to_send(due):
-            found.append((due, data))
-    return found
+            result.append((due, data))
+    return result
 
 
-def answered(device: Ft300, question: bytes, now: float = T0) -> bytes:
+def exchange(device: Ft300, question: bytes, now: float = T0) -> bytes:
     device.endpoint.receive(question, now)
-    return b"".join(data for _, data in told(device, now + 0.02))
+    return b"".join(data for _, data in messages_until(device, now + 0.02))
 
 
 def messages(pieces: list[tuple[float, bytes]]) -> list[tuple[int, ...]]:
@@ -78,8 +78,8 @@ def messages(pieces: list[tuple[float, bytes]]) -> list[tuple[int, ...]]:
         (START, "0910019A00012152"),
     ],
 )
-def test_questions_and_their_answers(question: bytes, answer: str) -> None:
-    assert answered(sensor(), question).hex() == answer.lower()
+def test_queries_are_answered(question: bytes, answer: str) -> None:
+    assert exchange(sensor(), question).hex() == answer.lower()
 
 
 @pytest.mark.parametrize(
@@ -95,40 +95,40 @@ def test_questions_and_their_answers(question: bytes, answer: str) -> None:
         (encode_write(410, 0), STARTED),
     ],
 )
-def test_what_is_refused_and_how(question: bytes, answer: bytes) -> None:
+def test_invalid_queries_are_refused(question: bytes, answer: bytes) -> None:
     device = sensor()
-    assert answered(device, question) == answer
-    assert told(device, T0 + 1.0) == []
+    assert exchange(device, question) == answer
+    assert messages_until(device, T0 + 1.0) == []
 
 
-def test_functions_that_a_setting_takes_away() -> None:
+def test_setting_disables_functions() -> None:
     device = sensor(fc04=False, fc06=False)
-    assert answered(device, encode_read(180, 6, READ_INPUT)) == encode_exception(READ_INPUT, 1)
-    assert answered(device, with_crc(bytes.fromhex("0906019A0200")), T0 + 1.0) == encode_exception(6, 1)
+    assert exchange(device, encode_read(180, 6, READ_INPUT)) == encode_exception(READ_INPUT, 1)
+    assert exchange(device, with_crc(bytes.fromhex("0906019A0200")), T0 + 1.0) == encode_exception(6, 1)
     one = with_crc(bytes.fromhex("0906019A0200"))
-    assert answered(sensor(), one).startswith(one)
+    assert exchange(sensor(), one).startswith(one)
 
 
 @pytest.mark.parametrize(
     "question",
     [with_crc(b"\x05" + encode_read(180, 6)[1:-2]), encode_read(180, 6)[:-1] + b"\0", b"", b"\xff" * 50],
 )
-def test_other_slaves_and_damaged_questions_get_silence(question: bytes) -> None:
-    assert answered(sensor(), question) == b""
+def test_other_slaves_and_damaged_queries_get_no_answer(question: bytes) -> None:
+    assert exchange(sensor(), question) == b""
 
 
-def test_a_question_in_pieces_is_answered_and_an_old_piece_is_forgotten() -> None:
+def test_fragmented_query_is_answered() -> None:
     device, ask = sensor(), encode_read(514, 1)
     device.endpoint.receive(ask[:3], T0)
-    assert answered(device, ask[3:], T0 + 0.03) == encode_words(READ, [2021])
+    assert exchange(device, ask[3:], T0 + 0.03) == encode_words(READ, [2021])
     device.endpoint.receive(ask[:3], T0 + 1.0)
-    assert answered(device, ask, T0 + 1.1) == encode_words(READ, [2021])
+    assert exchange(device, ask, T0 + 1.1) == encode_words(READ, [2021])
 
 
-def test_a_stream_runs_at_its_period_with_its_jitter() -> None:
+def test_stream_has_period_and_jitter() -> None:
     device = sensor(lambda times: np.outer(times - T0, np.ones(6)))
     device.endpoint.receive(START, T0)
-    (at, answer), *pieces = told(device, T0 + 1.0)
+    (at, answer), *pieces = messages_until(device, T0 + 1.0)
     assert (answer, at) == (STARTED, pytest.approx(T0 + 0.004))
     times = [at for at, _ in pieces]
     assert times[0] >= T0 + 0.014
@@ -141,47 +141,47 @@ def test_a_stream_runs_at_its_period_with_its_jitter() -> None:
     assert device.sampled_at(10_000) is None
 
 
-def test_a_stream_hears_nothing_but_its_end() -> None:
+def test_stream_ignores_all_but_its_end() -> None:
     device = sensor()
     device.endpoint.receive(START, T0)
     device.endpoint.receive(encode_read(180, 6), T0 + 0.1)
-    assert set(messages(told(device, T0 + 0.2)[1:])) == {COUNTS}
+    assert set(messages(messages_until(device, T0 + 0.2)[1:])) == {COUNTS}
     device.endpoint.receive(b"\xff", T0 + 0.2)
-    assert told(device, T0 + 0.5) == []
+    assert messages_until(device, T0 + 0.5) == []
     device.endpoint.receive(STOP[1:], T0 + 0.2)
-    assert answered(device, encode_read(514, 1), T0 + 0.3) == encode_words(READ, [2021])
+    assert exchange(device, encode_read(514, 1), T0 + 0.3) == encode_words(READ, [2021])
 
 
-def test_more_bytes_may_be_needed_to_end_it() -> None:
+def test_end_of_stream_may_need_more_bytes() -> None:
     device = sensor(stop_after_ff=10)
     device.endpoint.receive(START, T0)
-    told(device, T0 + 0.1)
+    messages_until(device, T0 + 0.1)
     device.endpoint.receive(b"\xff" * 9 + b"\0" + b"\xff" * 9, T0 + 0.1)
-    assert told(device, T0 + 0.2)
+    assert messages_until(device, T0 + 0.2)
     device.endpoint.receive(b"\xff", T0 + 0.2)
-    assert told(device, T0 + 0.5) == []
+    assert messages_until(device, T0 + 0.5) == []
 
 
-def test_it_may_stream_from_its_power_up_on() -> None:
-    assert len(messages(told(sensor(power_up="stream"), T0 + 0.2))) > 15
-    assert answered(sensor(boot_s=1.0), encode_read(514, 1)) == b""
+def test_sensor_may_stream_from_power_up() -> None:
+    assert len(messages(messages_until(sensor(power_up="stream"), T0 + 0.2))) > 15
+    assert exchange(sensor(boot_s=1.0), encode_read(514, 1)) == b""
 
 
-def test_it_clips_at_the_end_of_its_words() -> None:
+def test_values_clip_at_word_limits() -> None:
     device = sensor(lambda times: np.tile([400.0, -400.0, 0.0, 40.0, 0.0, 0.0], (len(times), 1)))
     device.endpoint.receive(START, T0)
-    assert set(messages(told(device, T0 + 0.1)[1:])) == {(32767, -32768, 0, 32767, 0, 0)}
+    assert set(messages(messages_until(device, T0 + 0.1)[1:])) == {(32767, -32768, 0, 32767, 0, 0)}
 
 
-def test_each_fault_has_its_effect() -> None:
+def test_each_fault_has_effect() -> None:
     def with_fault(target: str, fault: str, **parameters: object) -> list[tuple[int, ...]]:
         device = sensor()
         device.endpoint.receive(START, T0)
-        told(device, T0 + 0.2)
+        messages_until(device, T0 + 0.2)
         injection = ledger(device).inject(target, fault, T0 + 0.2, parameters)
-        found = messages(told(device, T0 + 1.2))
+        frames = messages(messages_until(device, T0 + 1.2))
         assert injection.struck
-        return found
+        return frames
 
     assert {counts[2] for counts in with_fault("signal", "scale", axis="fz", factor=0.5)[1:]} == {-4905}
     assert len(with_fault("sensor", "slow", factor=10.0)) in (10, 11)
@@ -192,33 +192,33 @@ def test_each_fault_has_its_effect() -> None:
     device = sensor()
     book = ledger(device)
     book.inject("sensor", "refuses", T0, {"code": 4})
-    assert answered(device, encode_read(514, 1)) == encode_exception(READ, 4)
+    assert exchange(device, encode_read(514, 1)) == encode_exception(READ, 4)
     book.inject("sensor-wire", "deaf", T0 + 1.0, {})
-    assert answered(device, encode_read(514, 1), T0 + 1.0) == b""
+    assert exchange(device, encode_read(514, 1), T0 + 1.0) == b""
 
 
-def test_a_sensor_that_is_plugged_in_again_boots() -> None:
+def test_replugged_sensor_boots() -> None:
     device = sensor(boot_s=0.5)
     device.endpoint.receive(START, T0 + 1.0)
-    told(device, T0 + 1.1)
+    messages_until(device, T0 + 1.1)
     book = ledger(device)
     book.inject("sensor", "unplugged", T0 + 1.1, {"for_s": 0.4})
-    told(device, T0 + 1.5)
+    messages_until(device, T0 + 1.5)
     book.handle_deadline(T0 + 1.5)
-    assert answered(device, encode_read(514, 1), T0 + 1.9) == b""
-    assert answered(device, encode_read(514, 1), T0 + 2.1) == encode_words(READ, [2021])
+    assert exchange(device, encode_read(514, 1), T0 + 1.9) == b""
+    assert exchange(device, encode_read(514, 1), T0 + 2.1) == encode_words(READ, [2021])
 
 
 @given(st.lists(st.binary(max_size=40), max_size=12), st.booleans())
-def test_no_bytes_raise(data: list[bytes], streams: bool) -> None:
+def test_arbitrary_bytes_raise_nothing(data: list[bytes], streams: bool) -> None:
     device = sensor(power_up="stream" if streams else "modbus")
     for k, piece in enumerate(data):
         device.endpoint.receive(piece, T0 + 0.01 * k)
         device.endpoint.receive(with_crc(b"\x09" + piece), T0 + 0.01 * k)
-        told(device, T0 + 0.01 * k)
+        messages_until(device, T0 + 0.01 * k)
 
 
 @pytest.mark.parametrize("settings", [{"power_up": "off"}, {"version": (1, 2)}, {"latency_s": -1.0}])
-def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
+def test_invalid_settings_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         Ft300Profile(**settings)

@@ -1,7 +1,7 @@
-"""A client written from the byte tables alone drives the emulated controller, so that no codec is shared.
+"""A client written from the byte tables alone drives the emulated controller, so no codec is shared.
 
-It follows the observed rows of the computer-link specification (sections 2 and 3) like a plain program on a serial
-port: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
+It follows the observed rows of the computer-link specification (sections 2 and 3) like a simple program on a serial
+port: send one order, wait for its answer. It does not use this project's `protocol` package.
 """
 
 import struct
@@ -22,16 +22,16 @@ DOWN = (0.0, 1.0, 0.0, 0.0)
 
 
 class Refused(Exception):
-    """The controller's refusal code."""
+    """The controller refused an order, with this code."""
 
 
 class SerialPort:
-    """A port to the emulated controller: writes take the line's time, reads wait like those of a blocking port."""
+    """Port to the emulated controller: writes take the line's time, reads block like on a real port."""
 
     def __init__(self, link=None, **robot):
         self.now = 98765.5
         self.waiting = b""
-        self.heard = bytearray()
+        self.received = bytearray()
         self.robot = S3Controller(
             S3Profiles(S3Profile(**robot), link or LinkProfile()),
             StartPose((0.9, -0.1, 0.6), DOWN, 0.2),
@@ -54,7 +54,7 @@ class SerialPort:
                 raise TimeoutError(f"{len(self.waiting)} of {size} bytes within {timeout} s")
             self.pass_time(max(due - self.now, 0.0))
         data, self.waiting = self.waiting[:size], self.waiting[size:]
-        self.heard += data
+        self.received += data
         self.now += size * CHARACTER
         return data
 
@@ -67,14 +67,14 @@ class SerialPort:
 
 
 class Client:
-    """Byte tables, struct and XOR."""
+    """Client based on byte tables, struct and XOR."""
 
     def __init__(self, port):
         self.port = port
 
     def order(self, function, suffix=0, data=b""):
-        """Returns the answer's data."""
-        self.say(struct.pack(">HBBBBH", 8 + len(data), 1, 0, function, ORDER, suffix) + data)
+        """Send an order, and return the data of the answer."""
+        self.send(struct.pack(">HBBBBH", 8 + len(data), 1, 0, function, ORDER, suffix) + data)
         answer = self.hear()
         length, source, destination, answered, kind, _ = struct.unpack(">HBBBBH", answer[:8])
         assert (length, source, destination, answered) == (len(answer), 0, 0, function)
@@ -83,7 +83,7 @@ class Client:
         assert kind == RESPONSE
         return answer[8:]
 
-    def say(self, telegram):
+    def send(self, telegram):
         self.port.write(ENQ)
         assert self.port.read(1, 2.0) == ACK
         check = 3
@@ -109,17 +109,17 @@ class Client:
         return telegram
 
     def status(self):
-        """Flags of byte 17, position in mm, quaternion."""
+        """Return the flags of byte 17, the position in mm, and the quaternion."""
         data = self.order(STATUS)
         assert len(data) == 24
-        words = struct.unpack(">3h4h", data[10:])
-        return data[9], [word * 0.125 for word in words[:3]], [word / 16384 for word in words[3:]]
+        registers = struct.unpack(">3h4h", data[10:])
+        return data[9], [word * 0.125 for word in registers[:3]], [word / 16384 for word in registers[3:]]
 
     def move(self, suffix, position=(0.0, 0.0, 0.0), mm_s=200.0):
         flags = 0 if suffix == POINT else 2
-        words = [round(value / 0.125) for value in position]
+        registers = [round(value / 0.125) for value in position]
         quaternion = (0, 16384, 0, 0) if suffix != FIRST else (0, 0, 0, 0)
-        data = struct.pack(">4xBBHH3h4h", 0, flags, round(mm_s / 0.125), 8192, *words, *quaternion)
+        data = struct.pack(">4xBBHH3h4h", 0, flags, round(mm_s / 0.125), 8192, *registers, *quaternion)
         self.order(MOVE, suffix, data.ljust(52 - 8, b"\0"))
 
 
@@ -128,7 +128,7 @@ def client():
     return Client(SerialPort())
 
 
-def test_status_mode_a_movement_of_five_points_and_stop(client):
+def test_client_reads_status_moves_and_stops(client):
     flags, position, quaternion = client.status()
     assert flags == 0b0001, "standby"
     assert position == [900.0, -100.0, 600.0]
@@ -142,24 +142,24 @@ def test_status_mode_a_movement_of_five_points_and_stop(client):
     for point in points:
         client.move(POINT, point)
     client.move(LAST, points[-1])
-    seen = []
+    observed = []
     for _ in range(100):
         flags, position, _ = client.status()
-        seen.append(position)
+        observed.append(position)
         if not flags & 0b0100:
             break
     client.port.pass_time(0.5)
     flags, position, _ = client.status()
     assert flags == 0b0010, "operation, and nothing moves any more"
     assert position == [900.0, -50.0, 575.0]
-    ways = [y for _, y, _ in seen]
-    assert ways == sorted(ways), "it goes from point to point, never back"
+    positions = [y for _, y, _ in observed]
+    assert positions == sorted(positions), "it goes from point to point, never back"
 
     client.order(STOP_PROGRAM)
     assert client.status()[1] == [900.0, -50.0, 575.0]
 
 
-def test_stop_ends_a_movement_on_its_way(client):
+def test_stop_ends_movement_under_way(client):
     client.order(MODE, OPERATION)
     client.move(FIRST)
     client.move(POINT, (900.0, 300.0, 600.0), mm_s=100.0)
@@ -174,7 +174,7 @@ def test_stop_ends_a_movement_on_its_way(client):
     assert client.status()[1] == position
 
 
-def test_a_refusal_is_an_answer_and_the_next_order_is_taken(client):
+def test_order_after_refusal_is_accepted(client):
     with pytest.raises(Refused, match="6"):
         client.move(FIRST)
     with pytest.raises(Refused, match="11"):
@@ -182,7 +182,7 @@ def test_a_refusal_is_an_answer_and_the_next_order_is_taken(client):
     assert client.status()[0] == 0b0001
 
 
-def test_the_blocks_of_the_specification_are_taken_as_they_stand(client):
+def test_blocks_of_specification_are_accepted(client):
     # Section 4, and the answers of the controller.
     for block, answer in (
         ("10 02 00 08 01 00 03 01 00 00 10 03 08", "10 02 00 08 00 00 03 02 00 00 10 03 0A"),
@@ -193,12 +193,12 @@ def test_the_blocks_of_the_specification_are_taken_as_they_stand(client):
         client.port.write(bytes.fromhex(block))
         assert client.port.read(1, 2.0) == ACK
         client.port.write(EOT)
-        client.port.heard.clear()
+        client.port.received.clear()
         client.hear()
-        assert bytes(client.port.heard) == ENQ + bytes.fromhex(answer) + EOT
+        assert bytes(client.port.received) == ENQ + bytes.fromhex(answer) + EOT
 
 
-def say_block(client, block):
+def exchange_block(client, block):
     client.port.write(ENQ)
     assert client.port.read(1, 2.0) == ACK
     client.port.write(bytes.fromhex(block))
@@ -208,12 +208,12 @@ def say_block(client, block):
 
 
 @pytest.mark.parametrize("block_end", ["length", "trailer"])
-def test_the_blocks_of_the_only_client_that_moved_a_real_one_move_it(block_end):
-    """Its last version: the length counts the data alone, 52 of a move of 60 bytes, and STX 82 for an odd number."""
+def test_blocks_of_real_client_move_robot(block_end):
+    """Its last version: the length counts only the data, 52 for a move of 60 bytes, and STX is 82 for an odd number."""
     client = Client(SerialPort(LinkProfile(block_end=block_end)))
     zeros = "00 " * 28
-    assert say_block(client, "10 02 00 00 01 00 13 01 00 00 10 03 10")[4:6] == bytes((STATUS, RESPONSE))
-    assert say_block(client, "10 02 00 00 01 00 14 01 00 01 10 03 16")[4:6] == bytes((MODE, RESPONSE))
+    assert exchange_block(client, "10 02 00 00 01 00 13 01 00 00 10 03 10")[4:6] == bytes((STATUS, RESPONSE))
+    assert exchange_block(client, "10 02 00 00 01 00 14 01 00 01 10 03 16")[4:6] == bytes((MODE, RESPONSE))
     # 100 mm/s, run speed 1.0; then 900, -80, 600 mm, tool down
     for block in (
         "10 02 00 34 01 00 18 01 00 02 00 00 00 00 00 02 03 20 20 00" + "00 " * 14 + zeros + "10 03 2C",
@@ -222,18 +222,18 @@ def test_the_blocks_of_the_only_client_that_moved_a_real_one_move_it(block_end):
         "10 02 00 34 01 00 18 01 00 03 00 00 00 00 00 02 03 20 20 00"
         "1C 20 FD 80 12 C0 00 00 40 00 00 00 00 00" + zeros + "10 03 FE",
     ):
-        assert say_block(client, block)[4:6] == bytes((MOVE, RESPONSE))
+        assert exchange_block(client, block)[4:6] == bytes((MOVE, RESPONSE))
     client.port.pass_time(2.0)
     assert client.status()[:2] == (0b0010, [900.0, -80.0, 600.0])
 
 
-def test_an_order_with_the_clients_unexplained_flag_is_refused(client):
+def test_order_with_unexplained_flag_is_refused(client):
     """Type 11h; the flag is 10h."""
-    answer = say_block(client, "10 02 00 08 01 00 13 11 00 00 10 03 08")
+    answer = exchange_block(client, "10 02 00 08 01 00 13 11 00 00 10 03 08")
     assert (answer[4], answer[5], answer[8:]) == (STATUS, REFUSAL, b"\x00\x0b")
 
 
-def test_a_block_refused_by_nak_is_said_again(client):
+def test_block_is_resent_after_nak(client):
     client.port.write(ENQ)
     assert client.port.read(1, 2.0) == ACK
     client.port.write(bytes.fromhex("10 02 00 08 01 00 13 01 00 00 10 03 18"))

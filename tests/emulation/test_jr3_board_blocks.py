@@ -1,4 +1,4 @@
-"""The board computes in blocks, and looks ahead where the sensor is certain: that changes nothing."""
+"""Tests that computing in blocks and predicting committed samples does not change the board's words."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -53,13 +53,13 @@ WRITES = st.lists(
 
 @settings(max_examples=40, deadline=None)
 @given(WRITES, st.floats(0.0, 0.4))
-def test_looking_ahead_changes_nothing_and_asks_for_no_sample_twice(
+def test_prediction_reads_no_sample_twice(
     writes: list[tuple[float, tuple[int | None, int]]], certain: float
 ) -> None:
-    asked: list[float] = []
+    requested: list[float] = []
 
     def wrench_at(times: Floats) -> Floats:
-        asked.extend(times.tolist())
+        requested.extend(times.tolist())
         return noisy(times)
 
     sensor = SensorProfile(noise_counts=1.5)
@@ -82,13 +82,13 @@ def test_looking_ahead_changes_nothing_and_asks_for_no_sample_twice(
         assert plain.read(0, 0x300, now) == ahead.read(0, 0x300, now)
     now += 0.03
     assert plain.read(0, 0x300, now) == ahead.read(0, 0x300, now)
-    assert all(np.diff(asked) > 0)
-    assert not asked or asked[-1] <= now + certain + 1e-9
+    assert all(np.diff(requested) > 0)
+    assert not requested or requested[-1] <= now + certain + 1e-9
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.floats(0.0, 0.5), max_size=10))
-def test_the_moments_of_reading_change_nothing(waits: list[float]) -> None:
+def test_words_are_independent_of_read_times(waits: list[float]) -> None:
     sensor = SensorProfile(noise_counts=1.5)
     often, once = (board_of(noisy, BoardProfile(offsets_zeroed_s=0.3), sensor) for _ in range(2))
     now = POWERED
@@ -98,7 +98,7 @@ def test_the_moments_of_reading_change_nothing(waits: list[float]) -> None:
     assert often.read(0, 0x300, now) == once.read(0, 0x300, now)
 
 
-def test_a_host_that_polls_asks_the_sensor_seldom_when_it_is_certain() -> None:
+def test_polling_host_reads_certain_sensor_seldom() -> None:
     calls = []
 
     def wrench_at(times: Floats) -> Floats:
@@ -112,6 +112,6 @@ def test_a_host_that_polls_asks_the_sensor_seldom_when_it_is_certain() -> None:
     assert len(calls) < 15
 
 
-def test_a_source_that_is_certain_for_ever() -> None:
+def test_source_committed_forever_is_read_once() -> None:
     board = board_of(noisy, committed_until=lambda now: float("inf"))
     assert board.read(0x90, 98, POWERED + 1.0) == board_of(noisy).read(0x90, 98, POWERED + 1.0)

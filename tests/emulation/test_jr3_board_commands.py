@@ -1,4 +1,4 @@
-"""The commands of the board as a host gives them: times, memory, full scales, offsets, vectors."""
+"""Tests of the board's commands from a host: times, memory, full scales, offsets, vectors."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from tests.emulation.jr3_board_host import (
 
 
 @pytest.mark.parametrize("which", ["typical", "maximum"])
-def test_commands_take_the_manuals_times(which: str) -> None:
+def test_command_times_match_manual(which: str) -> None:
     board = board_of(profile=BoardProfile(command_times=which))  # type: ignore[arg-type]
     now = STEADY
     for code, info in COMMANDS.items():
@@ -29,7 +29,7 @@ def test_commands_take_the_manuals_times(which: str) -> None:
         now = done + 0.01
 
 
-def test_memory_commands() -> None:
+def test_memory_commands_read_and_write() -> None:
     board = board_of()
     now = STEADY
     assert do(board, 0x0100, now, 0xF9)[:2] == (0, 1)
@@ -44,13 +44,13 @@ def test_memory_commands() -> None:
 @pytest.mark.parametrize(
     ("code", "word1"), [(0x0D00, 0), (0x0001, 0), (0x0510, 0), (0x8000, 0), (0x0100, 0x4000), (0x0200, 0xF9)]
 )
-def test_wrong_commands_answer_minus_one(code: int, word1: int) -> None:
+def test_invalid_commands_answer_minus_one(code: int, word1: int) -> None:
     board = board_of()
     assert do(board, code, STEADY, word1)[0] == -1
     assert do(board, 0x0100, STEADY + 1, 0xF9)[0] == 0
 
 
-def test_a_command_written_while_another_runs_is_lost() -> None:
+def test_command_during_another_is_lost() -> None:
     board = board_of()
     done = board.command(0x0500, STEADY)
     assert board.command(0x0603, STEADY + 1e-3) == done
@@ -58,7 +58,7 @@ def test_a_command_written_while_another_runs_is_lost() -> None:
     assert get(board, "offset_num", done + 0.1) == (0,)
 
 
-def test_busy_while_a_transform_or_full_scales_are_worked_out() -> None:
+def test_board_is_busy_during_transform_or_full_scales() -> None:
     board = board_of(constant(*LOAD))
     put(board, "transform2", encode_transform([Link(LinkType.TRANSLATE_X, 0)] * 4), STEADY)
     done = board.command(0x0502, STEADY)
@@ -73,7 +73,7 @@ def test_busy_while_a_transform_or_full_scales_are_worked_out() -> None:
     assert board.command(0x0A00, later) - later == pytest.approx(3.4e-3 + 4 * 0.75e-3)
 
 
-def test_full_scales_change_the_counts_and_vectors() -> None:
+def test_full_scales_change_counts_and_vectors() -> None:
     at = STEADY + 1.0
     board = board_of(loaded_from(at))
     put(board, "full_scale", (230, 222, 370, 112, 104, 122), STEADY)
@@ -93,7 +93,7 @@ def test_full_scales_change_the_counts_and_vectors() -> None:
         (16.0, (460, 444, 740, 224, 208, 244)),
     ],
 )
-def test_max_full_scale_keeps_every_step_of_the_converter(span: float, largest: tuple[int, ...]) -> None:
+def test_max_full_scale_keeps_converter_resolution(span: float, largest: tuple[int, ...]) -> None:
     sensor = SensorProfile(noise_counts=0.0, adc_bits=14)
     board = board_of(sensor=sensor, profile=BoardProfile(full_scale_span=span))
     assert get(board, "min_full_scale", STEADY) == (115, 111, 185, 56, 52, 61)
@@ -102,7 +102,7 @@ def test_max_full_scale_keeps_every_step_of_the_converter(span: float, largest: 
 
 
 @pytest.mark.parametrize("wrong", [0, -1, -32768])
-def test_a_full_scale_that_is_none_is_refused(wrong: int) -> None:
+def test_invalid_full_scale_is_refused(wrong: int) -> None:
     board = board_of(constant(*LOAD))
     put(board, "full_scale", (115, 111, wrong), STEADY)
     assert do(board, 0x0A00, STEADY)[0] == -1
@@ -121,7 +121,7 @@ def test_small_full_scales_saturate_and_smaller_ones_overflow() -> None:
     assert fz == pytest.approx(10 / 3 * 16384 - 65536, abs=70)
 
 
-def test_offsets_and_their_slots() -> None:
+def test_offsets_are_stored_in_slots() -> None:
     at = STEADY + 1.0
     board = board_of(loaded_from(at))
     now = at + 1.0
@@ -139,7 +139,7 @@ def test_offsets_and_their_slots() -> None:
     assert get(board, "offsets", now + 1.1) == LOAD_COUNTS
 
 
-def test_vector_axes() -> None:
+def test_vector_axes_are_selectable() -> None:
     board = board_of(loaded_from(STEADY + 1.0))
 
     def vectors(code: int, now: float) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Computations of the board: filters, transforms, rate, peaks, load envelopes."""
+"""Tests of the board's computations: filters, transforms, rate, peaks, load envelopes."""
 
 import numpy as np
 import pytest
@@ -36,11 +36,11 @@ DELAYS_MS = {
     5: (450.0, 590.0),
     6: (1801.0, 2363.0),
 }
-"""−3 dB and phase delay at 0 Hz and at cut-off: read off the manual's plots."""
+"""−3 dB frequency and phase delay at 0 Hz and at cut-off, read from the manual's plots."""
 
 
 def reference(n: int, frequency_hz: float) -> complex:
-    """Response of filter n: every stage is the same design at its own rate."""
+    """Return the response of filter n: every stage is the same design at its own rate."""
     sections = ellip(6, 0.02, 80, 438.069 / 4000, output="sos")
     response = 1.0 + 0.0j
     for stage in range(1, n + 1):
@@ -52,24 +52,24 @@ def reference(n: int, frequency_hz: float) -> complex:
 def measured(
     board: Board, n: int, frequencies_hz: Floats, settle: float, last: float
 ) -> NDArray[np.complex128]:
-    """Gain and phase of axes fx … mz, each with its own sine, from the words read at the filter's ticks."""
+    """Return gain and phase of axes fx … mz, each with its own sine, from the words read at the filter's ticks."""
     ticks = np.arange(np.ceil(settle * RATES_HZ[n]), np.floor(last * RATES_HZ[n])) / RATES_HZ[n]
     register = REGISTERS[f"filter{n}"]
     words = np.array([register.values(board.read(register.address, 6, POWERED + t)) for t in ticks])
-    found = []
+    result = []
     for axis, frequency in enumerate(frequencies_hz):
         angle = 2 * np.pi * frequency * ticks
         base = np.column_stack([np.sin(angle), np.cos(angle), np.ones(len(ticks))])
         sine, cosine, _ = np.linalg.lstsq(base, words[:, axis].astype(float), rcond=None)[0]
-        found.append(complex(sine, cosine) / AMPLITUDE)
-    return np.array(found)
+        result.append(complex(sine, cosine) / AMPLITUDE)
+    return np.array(result)
 
 
 AMPLITUDE = 30000.0
 
 
 def sines(frequencies_hz: Floats) -> Wrench:
-    """A sine for each axis, in counts from power-up on, of almost twice full scale."""
+    """Return a sine for each axis, in counts from power-up on, of almost twice full scale."""
     amplitudes: Floats = AMPLITUDE / 16384 * FULL
 
     def wrench_at(times: Floats) -> Floats:
@@ -81,7 +81,7 @@ def sines(frequencies_hz: Floats) -> Wrench:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize("n", range(1, 7))
-def test_filters_swept_through_the_registers(n: int) -> None:
+def test_filter_response_matches_design_and_manual(n: int) -> None:
     """Pass band within 0.02 dB of the reference design; cut-off and phase delays within 1 % of the manual's."""
     cutoff = CUTOFFS_HZ[n]
     frequencies = np.array([0.03, 0.2, 0.4, 0.6, 0.8, 1.0]) * cutoff
@@ -93,39 +93,39 @@ def test_filters_swept_through_the_registers(n: int) -> None:
         get(board, "offsets", POWERED + 0.1)
         put(board, "offsets", (0,) * 6, POWERED + 0.1)
     gains = measured(board, n, frequencies, settle, last)
-    wanted = np.array([reference(n, f) for f in frequencies])
-    assert 20 * np.log10(np.abs(gains / wanted)) == pytest.approx(np.zeros(6), abs=0.02)
+    designed = np.array([reference(n, f) for f in frequencies])
+    assert 20 * np.log10(np.abs(gains / designed)) == pytest.approx(np.zeros(6), abs=0.02)
     assert 20 * np.log10(abs(gains[5])) == pytest.approx(-3.01, abs=0.05)
     delays = -np.unwrap(np.angle(gains)) / (2 * np.pi * frequencies) * 1000
     assert delays[0] == pytest.approx(DELAYS_MS[n][0], rel=0.01)
     assert delays[5] == pytest.approx(DELAYS_MS[n][1], rel=0.01)
-    expected = -np.unwrap(np.angle(wanted)) / (2 * np.pi * frequencies) * 1000
+    expected = -np.unwrap(np.angle(designed)) / (2 * np.pi * frequencies) * 1000
     assert delays == pytest.approx(expected, rel=0.01)
 
 
-def test_a_stage_is_the_elliptic_design() -> None:
-    """Coefficients as SciPy designs them, gain 1 at 0 Hz; samples as its recursion gives them, however they come."""
+def test_filter_stage_is_elliptic_design() -> None:
+    """Coefficients match SciPy's design, gain 1 at 0 Hz; samples match its recursion, in any blocks."""
     design = ellip(6, 0.02, 80.0, 438.069 / 4000.0, output="sos")
     design[0, :3] /= np.prod(design[:, :3].sum(axis=1) / design[:, 3:].sum(axis=1))
     ours = np.insert(np.array(SECTION_COEFFICIENTS), 3, 1.0, axis=1)
     assert np.allclose(ours, design, rtol=1e-12, atol=0.0)
     signal = np.random.default_rng(5).uniform(-30000.0, 30000.0, (6, 1000))
-    wanted = sosfilt(design, signal)
+    expected = sosfilt(design, signal)
     state, parts = np.zeros((6, ORDER)), []
     for part in np.split(signal, [0, 1, 2, 130, 131, 600], axis=1):
         output, state = run_stage(part, state)
         parts.append(output)
-    assert np.abs(np.concatenate(parts, axis=1) - wanted).max() < 1e-7
+    assert np.abs(np.concatenate(parts, axis=1) - expected).max() < 1e-7
 
 
-def test_a_filter_stops_what_is_above_its_stop_band() -> None:
+def test_filter_attenuates_stop_band() -> None:
     frequencies = np.array([1200.0, 1500.0, 2000.0, 2500.0, 3000.0, 3500.0])
     board = board_of(sines(frequencies))
     words = [get(board, "filter1", POWERED + 0.5 + k / 8000)[:6] for k in range(200)]
     assert np.abs(words).max() <= AMPLITUDE * 10 ** (-79 / 20) + 1
 
 
-def test_filters_and_vectors_are_calculated_at_their_own_rates() -> None:
+def test_filters_and_vectors_have_own_rates() -> None:
     generator = np.random.default_rng(3)
 
     def wrench_at(times: Floats) -> Floats:
@@ -171,7 +171,7 @@ LINKS = st.lists(
 
 
 def transformed(links: list[Link], wrench: Floats, turn: str) -> Floats:
-    """The wrench in another frame by its pose: positions and directions, not link by link on wrenches."""
+    """Return the wrench in another frame by its pose, from positions and directions instead of link by link."""
     force, moment = wrench[:3], wrench[3:]
     origin, frame, sign = np.zeros(3), Rotation.identity(), 1.0
     for link in links:
@@ -193,7 +193,7 @@ def transformed(links: list[Link], wrench: Floats, turn: str) -> Floats:
     st.lists(st.floats(-0.4, 0.4), min_size=6, max_size=6),
     st.sampled_from(["load", "frame"]),
 )
-def test_a_transform_of_three_links_is_the_wrench_in_the_new_frame(
+def test_transform_of_three_links_gives_wrench_in_new_frame(
     links: list[Link], parts: list[float], turn: str
 ) -> None:
     wrench = np.array(parts) * FULL
@@ -210,7 +210,7 @@ def test_a_transform_of_three_links_is_the_wrench_in_the_new_frame(
     assert counts == pytest.approx(transformed(links, wrench, turn) / unit, abs=1.0)
 
 
-def test_a_force_at_a_lever_arm_gives_the_textbook_moment() -> None:
+def test_force_at_lever_arm_has_textbook_moment() -> None:
     """100 N along x at a tool tip 200 mm along z: +20 N·m about y at the sensor, none at the tip."""
     force, arm = np.array([40.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])
     wrench = np.concatenate([force, np.cross(arm, force)])
@@ -226,7 +226,7 @@ def test_a_force_at_a_lever_arm_gives_the_textbook_moment() -> None:
     assert fx == pytest.approx(40 / 115 * 16384, abs=1)
 
 
-def test_offsets_follow_a_transform_as_in_the_manuals_example() -> None:
+def test_transform_of_offsets_matches_manual_example() -> None:
     """fx 5 and nothing else, then a rotation by 90° about z: fy 5 and nothing else."""
     board = board_of(
         lambda times: np.zeros((len(times), 6)),
@@ -240,7 +240,7 @@ def test_offsets_follow_a_transform_as_in_the_manuals_example() -> None:
     assert get(board, "transform_num", at) == (1,)
 
 
-def test_a_long_transform_runs_on_into_the_next_slot() -> None:
+def test_long_transform_continues_in_next_slot() -> None:
     links = [Link(LinkType.TRANSLATE_Z, 100)] * 10
     board = board_of(lambda times: np.tile([10.0, 0, 0, 0, 0, 0], (len(times), 1)))
     at = POWERED + 0.1
@@ -253,7 +253,7 @@ def test_a_long_transform_runs_on_into_the_next_slot() -> None:
     assert get(board, "transform_num", at + 2.0) == (14,)
 
 
-def test_a_transform_moves_min_and_max_full_scale() -> None:
+def test_transform_changes_min_and_max_full_scale() -> None:
     board = board_of(lambda times: np.zeros((len(times), 6)))
     at = POWERED + 0.1
     put(board, "transform0", encode_transform([Link(LinkType.TRANSLATE_Z, 5000)]), at)
@@ -263,7 +263,7 @@ def test_a_transform_moves_min_and_max_full_scale() -> None:
     assert get(board, "max_full_scale", at)[3:] == (555, 575, 61)
 
 
-def test_a_coupled_sensor_is_decoupled() -> None:
+def test_coupled_sensor_is_decoupled() -> None:
     generator = np.random.default_rng(5)
     coupling = np.eye(6) + generator.uniform(-0.1, 0.1, (6, 6))
     wrench = FULL * [0.3, -0.2, 0.1, 0.4, -0.1, 0.2]
@@ -278,7 +278,7 @@ def test_a_coupled_sensor_is_decoupled() -> None:
 
 
 def ramp(times: Floats) -> Floats:
-    """fx and its negative in fy grow by 1 count a sample from the board's sample 800 on, to 8000 and no more."""
+    """Return a wrench whose fx and −fy grow by 1 count a sample from the board's sample 800 on, up to 8000."""
     counts = np.clip((times - POWERED) * 8000 - 800, 0, 8000)
     return np.outer(counts, [115 / 16384, -111 / 16384, 0, 0, 0, 0])
 
@@ -287,7 +287,7 @@ def at_sample(j: int) -> float:
     return POWERED + j / 8000
 
 
-def test_rate_is_the_difference_over_its_divisor() -> None:
+def test_rate_is_difference_over_divisor() -> None:
     board = board_of(ramp)
     now = at_sample(1000)
     put(board, "rate_address", (0x90,), now)
@@ -306,7 +306,7 @@ def test_rate_is_the_difference_over_its_divisor() -> None:
     assert get(board, "rate", at_sample(1621 + 65536))[0] == 8000 - 821
 
 
-def test_peaks_are_told_on_request_and_cleared() -> None:
+def test_peaks_are_reported_on_request_and_cleared() -> None:
     board = board_of(ramp)
     assert get(board, "maximum", at_sample(2800)) == (0,) * 8
     at = do(board, 0x0C00, at_sample(2800))
@@ -329,7 +329,7 @@ def test_peaks_are_told_on_request_and_cleared() -> None:
     assert low[7] == pytest.approx(2400, abs=50)
 
 
-def test_load_envelopes_latch_what_they_are_told_to() -> None:
+def test_load_envelopes_latch_configured_bits() -> None:
     board = board_of(ramp)
     envelope = LoadEnvelope(
         latch_bits=0x0002,
@@ -362,7 +362,7 @@ def test_load_envelopes_latch_what_they_are_told_to() -> None:
     assert bits(3100) == 0
 
 
-def test_envelopes_and_peaks_look_at_any_word() -> None:
+def test_envelopes_and_peaks_accept_any_word() -> None:
     board = board_of(ramp)
     at_least = (
         Threshold(0x05, 2000, 1),
@@ -387,6 +387,6 @@ def test_envelopes_and_peaks_look_at_any_word() -> None:
 # --- signs
 
 
-def test_words_wrap_where_the_table_says_signed() -> None:
+def test_signed_words_wrap() -> None:
     board = board_of(lambda times: np.tile([-11.5, 0, 0, 0, 0, 0], (len(times), 1)))
     assert board.read_word(0x90, POWERED + 0.1) == from_signed(-1638)

@@ -1,4 +1,4 @@
-"""A board that looks ahead of what is certain tells every word as one that does not."""
+"""Tests that a board with prediction has the same words as one without."""
 
 import math
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from emulators.sensing import KnownWrench
 from protocol.devices.jr3.board import REGISTERS, CommandCode, pack_words
 
 POWERED = 1000.0003
-"""Not on the sensor's grid."""
+"""Time of power-up, not on the sensor's grid."""
 TICK, DELAY, FORESIGHT = 0.04, 0.01, 0.16
 
 FULL_SCALES: dict[str, Any] = {"full_scales_n": (20.0, 20.0, 20.0), "full_scales_nm": (0.5, 0.5, 0.5)}
@@ -38,7 +38,7 @@ VALUES = (0, 1, 5, 37, 0x90, 0xA8, 0xF0, 300, 6000, 0xFFFF)
 
 
 class Swing:
-    """A wrench that swings, from every order on by another amplitude, as soon as it is uncertain."""
+    """Oscillating wrench whose amplitude changes with every order, once it is no longer committed."""
 
     def __init__(self) -> None:
         self._from = [-math.inf]
@@ -46,27 +46,27 @@ class Swing:
         self.on_change: Callable[[float], object] = lambda committed_until: None
 
     def order(self, amplitude: float, now: float) -> None:
-        """Another amplitude."""
+        """Change the amplitude."""
         self._from.append(self.committed_until(now))
         self._amplitudes.append(amplitude)
         self.on_change(self.committed_until(now))
 
     def committed_until(self, now: float) -> float:
-        """The next tick's end, that moment excluded."""
+        """Return the end of the next tick, that moment excluded."""
         return (math.floor(now / TICK) + 1) * TICK + DELAY - 1e-9
 
     def predicted_until(self, now: float) -> float:
-        """Unless something is ordered."""
+        """Return the time up to which the wrench is valid unless an order comes."""
         return self.committed_until(now) + FORESIGHT
 
     def wrench(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Wrench (n, 6)."""
+        """Return the wrench (n, 6)."""
         amplitudes = np.array(self._amplitudes)[np.searchsorted(self._from, times, side="right") - 1]
         return np.outer(amplitudes * np.sin(40.0 * times), (11.5, -22.2, 37.0, 0.56, -1.04, 1.22))
 
 
 class Pair:
-    """Two boards that live through the same: one looks ahead, the other does not."""
+    """Two boards with the same inputs: one with prediction, one without."""
 
     def __init__(self, profile: int) -> None:
         board, sensor = PROFILES[profile]
@@ -79,12 +79,12 @@ class Pair:
         self.now = POWERED
 
     def do(self, what: str, value: int, seconds: float) -> None:
-        """One thing, and both boards as they are after it."""
+        """Apply one operation; return the state of both boards after it."""
         self.now += seconds
         match what:
             case "order":
-                for swing in self.swings:
-                    swing.order(value / 3.0, self.now)
+                for source in self.swings:
+                    source.order(value / 3.0, self.now)
             case "stream":
                 for _ in range(10 * value):
                     self.now += (1 + value) / 8000.0
@@ -136,7 +136,7 @@ PEAKS: Steps = [
     ("command", 9, 0.1),
     ("stream", 1, 0.1),
 ]
-"""Peaks that were foreseen and never came."""
+"""Peaks that were predicted and did not occur."""
 
 
 @pytest.mark.full
@@ -159,18 +159,16 @@ PEAKS: Steps = [
     3, 0.1, [("stream", 3, 0.0), ("order", 5, 0.0), ("order", 2, 0.0), ("reset", 0, 0.0), ("stream", 9, 0.0)]
 )
 @example(0, 2.5, PEAKS * 4)
-def test_every_word_is_the_same_however_far_the_board_looks_ahead(
-    profile: int, settled: float, steps: Steps
-) -> None:
+def test_words_are_independent_of_prediction(profile: int, start_after: float, steps: Steps) -> None:
     pair = Pair(profile)
-    pair.do("nothing", 0, settled)
+    pair.do("nothing", 0, start_after)
     for what, value, seconds in steps:
         pair.do(what, value, seconds)
 
 
-def test_what_a_host_has_seen_stays_when_a_sensor_forgets_even_that() -> None:
-    swing = Swing()
-    sensors = [Jr3Sensor(SensorProfile(), swing, 7) for _ in range(2)]
+def test_words_already_read_stay_after_invalidation() -> None:
+    source = Swing()
+    sensors = [Jr3Sensor(SensorProfile(), source, 7) for _ in range(2)]
     forgetful, steady = (Board(BoardProfile(), sensor, POWERED) for sensor in sensors)
     for k in range(600):
         now = POWERED + 0.00125 * k

@@ -1,4 +1,4 @@
-"""The board as a host sees it: power-up, words, plug, saturation."""
+"""Tests of the board from the view of a host: power-up, words, plug, saturation."""
 
 import math
 
@@ -28,7 +28,7 @@ from tests.emulation.jr3_board_host import (
 # --- power-up
 
 
-def test_power_up_reads_the_calibration_and_says_whose() -> None:
+def test_power_up_reads_calibration_and_reports_sensor() -> None:
     board = board_of(constant(*LOAD))
     assert get(board, "model_no", POWERED)[0] == 0
     assert get(board, "errors", POWERED + 0.04)[0] == Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY
@@ -46,7 +46,7 @@ def test_power_up_reads_the_calibration_and_says_whose() -> None:
     assert get(board, "thickness", at) == (318,)
 
 
-def test_the_board_zeroes_its_offsets_once() -> None:
+def test_board_zeroes_offsets_once() -> None:
     board = board_of(constant(*LOAD))
     zeroed = POWERED + 0.02 + 0.033 + 2.0
     assert get(board, "filter0", zeroed - 1e-3)[:6] == LOAD_COUNTS
@@ -56,7 +56,7 @@ def test_the_board_zeroes_its_offsets_once() -> None:
     assert get(board, "offsets", zeroed + 60.0) == LOAD_COUNTS
 
 
-def test_words_of_the_host_are_lost_with_a_reset() -> None:
+def test_reset_clears_words_of_host() -> None:
     board = board_of(constant(*LOAD))
     put(board, "transform3", (3, 100, 0), STEADY)
     board.reset(STEADY)
@@ -74,14 +74,14 @@ def test_words_of_the_host_are_lost_with_a_reset() -> None:
         (2, (117, 113, 189, 57, 53, 62)),
     ],
 )
-def test_full_scales_are_told_in_the_boards_units(units: int, words: tuple[int, ...]) -> None:
+def test_full_scales_use_board_units(units: int, words: tuple[int, ...]) -> None:
     """By hand: 115 N = 25.85 lb, 5.6 N·m = 49.6 in·lb, 115 N = 11.73 kgf, 5.6 N·m = 57.1 kgf·cm."""
     board = board_of(constant(*LOAD), BoardProfile(units=units))  # type: ignore[arg-type]
     assert get(board, "default_fs", POWERED + 0.1) == words
 
 
-def test_the_start_up_of_the_kernels_driver() -> None:
-    """Its order of steps and its patience in each: Linux's jr3_pci."""
+def test_start_up_sequence_of_kernel_driver() -> None:
+    """Steps and time limits are those of Linux's jr3_pci."""
     board = board_of(loaded_from(STEADY + 20.0), sensor=SensorProfile(noise_counts=0.0))
     board.reset(STEADY)
     now, good = STEADY + 0.025, 0
@@ -107,7 +107,7 @@ def test_the_start_up_of_the_kernels_driver() -> None:
 # --- reading and writing
 
 
-def test_only_the_memory_can_be_read_and_written() -> None:
+def test_access_outside_memory_is_refused() -> None:
     board = board_of()
     for address, count in ((MEMORY_WORDS, 1), (-1, 1), (MEMORY_WORDS - 1, 2)):
         with pytest.raises(RemoteProtocolError):
@@ -117,7 +117,7 @@ def test_only_the_memory_can_be_read_and_written() -> None:
     assert len(board.read(0, MEMORY_WORDS, STEADY)) == MEMORY_WORDS
 
 
-def test_what_the_board_owns_keeps_its_value() -> None:
+def test_board_owned_words_keep_values() -> None:
     board = board_of()
     for name in ("model_no", "units", "filter3", "count2", "default_fs", "software_ver"):
         before = get(board, name, STEADY)
@@ -142,7 +142,7 @@ def test_what_the_board_owns_keeps_its_value() -> None:
         max_size=25,
     )
 )
-def test_nonsense_of_a_host_raises_nothing(writes: list[tuple[int, int, float]]) -> None:
+def test_arbitrary_host_writes_raise_nothing(writes: list[tuple[int, int, float]]) -> None:
     board, now = board_of(constant(*LOAD)), POWERED + 0.06
     for address, word, wait in writes:
         now += wait
@@ -152,22 +152,22 @@ def test_nonsense_of_a_host_raises_nothing(writes: list[tuple[int, int, float]])
     assert get(board, "command_word0", now + 0.1)[0] <= 0
 
 
-def test_live_words_of_the_host_are_seen_within_16_samples() -> None:
+def test_live_host_words_act_within_16_samples() -> None:
     board = board_of()
     for k in range(16):
         at = STEADY + k * 0.0101
         put(board, "offsets", (100 + k,), at)
         assert get(board, "offsets", at)[0] == 100 + k
-        seen = [get(board, "filter0", at + i / 8000)[0] for i in range(1, 17)]
-        assert seen[-1] == -100 - k
-        assert set(seen) <= {-100 - k, -99 - k, 0}
+        observed = [get(board, "filter0", at + i / 8000)[0] for i in range(1, 17)]
+        assert observed[-1] == -100 - k
+        assert set(observed) <= {-100 - k, -99 - k, 0}
         # Before sample number 16 m of the board's own count, whenever the host wrote.
-        change = next(i for i, value in enumerate(seen, start=1) if value == -100 - k)
+        change = next(i for i, value in enumerate(observed, start=1) if value == -100 - k)
         number = int(np.floor((at + change / 8000) * 8000 + 1e-6)) - int(np.ceil(POWERED * 8000))
         assert number % 16 == 0
 
 
-def test_clock_words_and_idle_count_go_on() -> None:
+def test_clock_words_and_idle_count_advance() -> None:
     board = board_of()
     first, later = board.read(4, 4, STEADY), board.read(4, 4, STEADY + 1 / 8000)
     assert (later[0] - first[0]) % 65536 == 125
@@ -176,7 +176,7 @@ def test_clock_words_and_idle_count_go_on() -> None:
     assert (get(board, "count_x", STEADY + 0.1)[0] - count) % 65536 == pytest.approx(5000, abs=10)
 
 
-def test_counters_tick_at_the_filters_rates_and_wrap() -> None:
+def test_counters_advance_at_filter_rates_and_wrap() -> None:
     board = board_of()
     before = [get(board, f"count{n}", STEADY)[0] for n in range(1, 7)]
     after = [get(board, f"count{n}", STEADY + 16.384)[0] for n in range(1, 7)]
@@ -186,15 +186,15 @@ def test_counters_tick_at_the_filters_rates_and_wrap() -> None:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize("n", range(7))
-def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
+def test_sampled_at_is_time_of_new_count(n: int) -> None:
     board, number = board_of(filter_number=n), max(n, 1)
     begin, step = math.ceil(STEADY * 8000), 4 ** (number - 1)
     new: dict[int, float] = {}
     for sample in range(begin, begin + 3 * step):
         count = get(board, f"count{number}", (sample + 0.1) / 8000)[0]
         new.setdefault(count, sample / 8000)
-    told = [board.sampled_at(count) for count in new]
-    assert told[1:] == pytest.approx(list(new.values())[1:], abs=1e-9)
+    reported = [board.sampled_at(count) for count in new]
+    assert reported[1:] == pytest.approx(list(new.values())[1:], abs=1e-9)
     assert len(new) >= 3
     assert board.sampled_at((count + 1) % 65536) is None, "no reader has seen this count since the reset"
 
@@ -202,7 +202,7 @@ def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
 # --- the plug
 
 
-def test_the_same_sensor_plugged_in_again_is_not_told_as_changed() -> None:
+def test_same_sensor_replugged_is_not_reported_as_changed() -> None:
     board = board_of(loaded_from(STEADY + 1.0))
     now = STEADY + 2.0
     assert get(board, "filter0", now)[:6] == LOAD_COUNTS
@@ -227,7 +227,7 @@ def test_the_same_sensor_plugged_in_again_is_not_told_as_changed() -> None:
     assert get(board, "offsets", again + 3.0) == LOAD_COUNTS
 
 
-def test_another_sensor_is_told_as_changed_until_the_host_clears_it() -> None:
+def test_sensor_change_is_reported_until_cleared() -> None:
     board = board_of(loaded_from(STEADY + 1.0))
     now = STEADY + 2.0
     assert get(board, "filter0", now)[:6] == LOAD_COUNTS
@@ -253,7 +253,7 @@ def test_another_sensor_is_told_as_changed_until_the_host_clears_it() -> None:
     assert get(board, "serial_no", again + 20.0) == (1001,)
 
 
-def test_sensor_change_can_be_cleared_by_the_bit_reset_command() -> None:
+def test_bit_reset_command_clears_sensor_change() -> None:
     board = board_of()
     board.unplug(STEADY)
     board.plug_in(STEADY + 1.0, second=True)
@@ -261,14 +261,14 @@ def test_sensor_change_can_be_cleared_by_the_bit_reset_command() -> None:
     assert get(board, "errors", STEADY + 3.0) == (0,)
 
 
-def test_data_may_become_zero_without_a_sensor() -> None:
+def test_data_may_become_zero_without_sensor() -> None:
     board = board_of(loaded_from(STEADY + 1.0), BoardProfile(unplugged_data="zero"))
     board.unplug(STEADY + 2.0)
     assert get(board, "filter2", STEADY + 2.005)[:6] == LOAD_COUNTS
     assert get(board, "filter2", STEADY + 2.1) == (0,) * 8
 
 
-def test_powered_without_a_sensor() -> None:
+def test_power_up_without_sensor() -> None:
     board = board_of(sensor=SensorProfile(noise_counts=0.0, connected=False))
     assert get(board, "errors", STEADY)[0] == Errors.WATCH_DOG
     assert get(board, "model_no", STEADY) == (0,)
@@ -277,7 +277,7 @@ def test_powered_without_a_sensor() -> None:
     assert get(board, "model_no", STEADY + 0.1) == (1,)
 
 
-def test_the_plug_during_boot() -> None:
+def test_sensor_replugged_during_boot() -> None:
     board = board_of()
     board.unplug(POWERED + 0.001)
     assert get(board, "errors", POWERED + 0.1)[0] == Errors.WATCH_DOG
@@ -286,7 +286,7 @@ def test_the_plug_during_boot() -> None:
     assert get(board, "errors", POWERED + 1.1) == (0,)
 
 
-def test_unplugging_during_a_command_and_before_the_zero() -> None:
+def test_sensor_unplugged_during_command_and_before_zero() -> None:
     board = board_of(constant(*LOAD))
     at = POWERED + 1.0
     board.command(0x0A00, at)
@@ -301,7 +301,7 @@ def test_unplugging_during_a_command_and_before_the_zero() -> None:
 # --- saturation
 
 
-def test_near_and_full_saturation_follow_the_raw_channels() -> None:
+def test_saturation_bits_follow_raw_channels() -> None:
     def wrench_at(times: Floats) -> Floats:
         # 1.7 and 2.1 times full scale, a converter ends at twice.
         return np.outer(times >= STEADY + 1.0, [115 * 1.7, -111 * 2.1, 0.0, 0.0, 0.0, 6.1 * 2.1])
@@ -338,11 +338,11 @@ def test_near_and_full_saturation_follow_the_raw_channels() -> None:
         {"adoption_samples": 0},
     ],
 )
-def test_profile_refuses(wrong: dict[str, object]) -> None:
+def test_invalid_profile_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         BoardProfile(**wrong)  # type: ignore[arg-type]
 
 
-def test_other_profiles_refuse() -> None:
+def test_other_invalid_profiles_are_refused() -> None:
     with pytest.raises(ValueError, match=r"full scale of fx is 0\.0259 in units 3"):
         board_of(profile=BoardProfile(units=3))

@@ -1,4 +1,4 @@
-"""The emulated CAN gateway against its transcripts; frames are made here by hand and not by the codec."""
+"""Tests of the emulated CAN gateway against its transcripts; frames are built by hand, not by the codec."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from emulators.devices.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProf
 from emulators.sensing import KnownWrench
 from protocol.devices.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 from protocol.wrench import SensorNotice, SensorReady, WrenchFrame, Zeroed
-from tests.emulation.jr3_can_transcripts import CLIENT_TRANSCRIPT, MANNERS, TRANSCRIPTS, Transcript
+from tests.emulation.jr3_can_transcripts import CLIENT_TRANSCRIPT, TRANSCRIPTS, VARIANTS, Transcript
 
 T0 = 4321.0
 TS_MS = 0.1285
@@ -24,14 +24,14 @@ UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
 KIND = GatewayProfile(
     loop_ms=0.0, period_overhead_us=(0.0, 0.0), joins=False, blocks=False, buffer_loses="newest"
 )
-"""A gateway that does everything at once."""
+"""Settings of a gateway without any delay."""
 
 FIRMWARE = GatewayProfile(period_overhead_us=(0.0, 0.0))
-"""The firmware's own manners, but with periods as asked for."""
+"""Settings with the firmware's own delays, but with exact periods."""
 
 
 def frames(text: str) -> list[str]:
-    """The frames that a line stands for."""
+    """Return the frames that a line denotes."""
     word, *rest = text.split()
     counts: tuple[int, ...] = COUNTS
     match word, *rest:
@@ -61,18 +61,18 @@ def powered(connected: bool = True, profile: GatewayProfile = KIND) -> Gateway:
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS, ids=lambda transcript: transcript.sentence[:60])
-def test_transcript(transcript: Transcript) -> None:
+def test_transcript_matches(transcript: Transcript) -> None:
     _check(transcript, powered(transcript.connected))
 
 
-@pytest.mark.parametrize("transcript", MANNERS, ids=lambda transcript: transcript.sentence[:60])
-def test_transcript_of_the_firmware_as_it_ran(transcript: Transcript) -> None:
+@pytest.mark.parametrize("transcript", VARIANTS, ids=lambda transcript: transcript.sentence[:60])
+def test_transcript_of_firmware_matches(transcript: Transcript) -> None:
     _check(transcript, powered(transcript.connected, FIRMWARE))
 
 
 @pytest.mark.parametrize(("loses", "first"), [("oldest", 8), ("newest", 0)])
-def test_a_burst_of_40_commands_meets_a_buffer_of_32(loses: Literal["oldest", "newest"], first: int) -> None:
-    """Queries of force and moment scales in turn tell which were answered."""
+def test_burst_of_40_commands_overflows_buffer_of_32(loses: Literal["oldest", "newest"], first: int) -> None:
+    """Alternating queries of force and moment scales show which were answered."""
     gateway = powered(profile=replace(FIRMWARE, buffer_loses=loses))
     gateway.handle_deadline(T0 + 2.6)
     gateway.data_to_send(T0 + 2.6)
@@ -85,7 +85,7 @@ def test_a_burst_of_40_commands_meets_a_buffer_of_32(loses: Literal["oldest", "n
     assert answers == [of[text] for text in burst[first : first + 32]]
 
 
-def test_the_stream_s_period_is_longer_by_sending_and_waking_up() -> None:
+def test_stream_period_includes_sending_and_wake_up() -> None:
     gateway = powered(profile=GatewayProfile())
     gateway.handle_deadline(T0 + 2.6)
     gateway.data_to_send(T0 + 2.6)
@@ -102,12 +102,12 @@ def test_the_stream_s_period_is_longer_by_sending_and_waking_up() -> None:
 
 
 def _check(transcript: Transcript, gateway: Gateway) -> None:
-    wanted: list[tuple[float, str]] = []
-    told: list[tuple[float, str]] = []
+    expected: list[tuple[float, str]] = []
+    reported: list[tuple[float, str]] = []
 
     def take(now: float) -> None:
         at = round((now - T0) * 1e3, 3)
-        told.extend((at, str(frame)) for frame in gateway.data_to_send(now))
+        reported.extend((at, str(frame)) for frame in gateway.data_to_send(now))
 
     def run(until: float) -> None:
         while (due := gateway.next_deadline()) is not None and due <= until + 1e-9:
@@ -126,42 +126,42 @@ def _check(transcript: Transcript, gateway: Gateway) -> None:
             run(now)
             getattr(gateway, text)(now)
         else:
-            wanted += [(at, frame) for frame in frames(text)]
-    if wanted:
-        run(T0 + wanted[-1][0] * 1e-3)
-    assert told == wanted
+            expected += [(at, frame) for frame in frames(text)]
+    if expected:
+        run(T0 + expected[-1][0] * 1e-3)
+    assert reported == expected
 
 
-def test_the_client_says_to_the_gateway_what_is_in_the_transcript() -> None:
-    """State, start, full scales, a pause and zero; then the sequence goes on where the counter wraps."""
+def test_client_sends_commands_of_transcript() -> None:
+    """State, start, full scales, a pause and zero; then the sequence continues at the wrap of the counter."""
     gateway = powered()
     now = T0 + 2.5
     gateway.handle_deadline(now)
     gateway.data_to_send(now)
     client = GatewayClient(GatewayClientProfile(cutoff_hz=0.0, period_ms=120.0), now)
     client.zero()
-    told: list[tuple[float, str, str]] = []
+    reported: list[tuple[float, str, str]] = []
     events: list[object] = []
     while now < T0 + 12.5:
         while (down := client.data_to_send(now)) or (up := gateway.data_to_send(now)):
             at = round((now - T0) * 1e3, 3)
             if down:
                 gateway.receive(down, now)
-                told += [(at, ">", str(frame)) for frame in down]
+                reported += [(at, ">", str(frame)) for frame in down]
             else:
                 client.receive(up, now)
-                told += [(at, "<", str(frame)) for frame in up]
+                reported += [(at, "<", str(frame)) for frame in up]
         while (event := client.next_event()) is not None:
             events.append(event)
         dues = [due for due in (client.next_deadline(), gateway.next_deadline()) if due is not None]
         now = min(dues)
         gateway.handle_deadline(now)
         client.handle_deadline(now)
-    wanted = []
+    expected = []
     for line in CLIENT_TRANSCRIPT.strip().splitlines():
         at_ms, direction, text = line.split(maxsplit=2)
-        wanted += [(float(at_ms), direction, frame) for frame in frames(text)]
-    assert told[: len(wanted)] == wanted
+        expected += [(float(at_ms), direction, frame) for frame in frames(text)]
+    assert reported[: len(expected)] == expected
     samples = [event for event in events if isinstance(event, WrenchFrame)]
     assert [type(event) for event in events[:3]] == [SensorReady, SensorNotice, Zeroed]
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(samples)} == {933, 934}

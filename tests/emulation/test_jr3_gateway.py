@@ -1,4 +1,4 @@
-"""The emulated CAN gateway, line by line of the firmware's behaviour."""
+"""Tests of the emulated CAN gateway, line by line of the firmware's behaviour."""
 
 import math
 from collections.abc import Callable
@@ -30,7 +30,7 @@ def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """100 000 counts a second on fx from T0 on, so that a value tells its time."""
+    """Return 100 000 counts per second on fx from T0 on, so that a value shows its time."""
     wrench = np.zeros((len(times), 6))
     wrench[:, 0] = ((times - AWAKE) * 100_000) % 20_000 * UNITS[0]
     return wrench
@@ -39,7 +39,7 @@ def ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
 KIND = GatewayProfile(
     loop_ms=0.0, period_overhead_us=(0.0, 0.0), joins=False, blocks=False, buffer_loses="newest"
 )
-"""A gateway that does everything at once; `test_jr3_can_transcripts` has the firmware's own manners."""
+"""Settings of a gateway without any delay; `test_jr3_can_transcripts` covers the firmware's own delays."""
 
 
 def build(wrench_at: Wrench = constant, *, noise: float = 0.0, connected: bool = True) -> Gateway:
@@ -48,12 +48,12 @@ def build(wrench_at: Wrench = constant, *, noise: float = 0.0, connected: bool =
 
 
 def run(gateway: Gateway, until: float) -> list[tuple[float, str]]:
-    """Everything the gateway sends by itself, with the deadline at which it did."""
-    told = []
+    """Return everything the gateway sends by itself, with the deadline at which it does."""
+    reported = []
     while (due := gateway.next_deadline()) is not None and due <= until:
         gateway.handle_deadline(due)
-        told += [(due, str(frame)) for frame in gateway.data_to_send(due)]
-    return told
+        reported += [(due, str(frame)) for frame in gateway.data_to_send(due)]
+    return reported
 
 
 def awake(wrench_at: Wrench = constant, *, noise: float = 0.0, connected: bool = True) -> Gateway:
@@ -68,7 +68,7 @@ def ask(gateway: Gateway, text: str, now: float) -> list[str]:
 
 
 def value(texts: list[str]) -> tuple[tuple[int, ...], int]:
-    """Counts and counter of a force frame followed by its moment frame."""
+    """Return counts and counter of a force frame followed by its moment frame."""
     forces, moments = (parse_frame(text) for text in texts)
     assert (forces.identifier, moments.identifier) == (0x601, 0x681)
     one, two = decode_triple(forces.data, FORCES), decode_triple(moments.data, MOMENTS)
@@ -79,21 +79,21 @@ def value(texts: list[str]) -> tuple[tuple[int, ...], int]:
 # --- power-up
 
 
-def test_silent_for_2_s_then_boot_up_when_the_calibration_is_read() -> None:
+def test_boot_up_follows_calibration_after_2_s() -> None:
     gateway = build()
     gateway.receive([parse_frame("401#")], T0 + 1.99)
     assert run(gateway, T0 + 10) == [(T0 + 2.033, "701#")]
     assert gateway.next_deadline() is None
 
 
-def test_commands_during_calibration_wait_and_floods_are_lost() -> None:
+def test_commands_during_calibration_are_queued() -> None:
     gateway = build()
     gateway.receive([parse_frame("401#")] * 40, T0 + 2.01)
-    told = [text for _, text in run(gateway, T0 + 3)]
-    assert told == ["701#"] + ["101#00"] * 32
+    reported = [text for _, text in run(gateway, T0 + 3)]
+    assert reported == ["701#"] + ["101#00"] * 32
 
 
-def test_without_sensor_no_boot_up_and_acknowledges_without_effect() -> None:
+def test_gateway_without_sensor_only_acknowledges() -> None:
     gateway = build(connected=False)
     assert run(gateway, T0 + 10) == []
     for text in ("401#", "181#C800", START_UNFILTERED, "281#", "301#", "381#0100", "581#"):
@@ -107,7 +107,7 @@ def test_without_sensor_no_boot_up_and_acknowledges_without_effect() -> None:
 # --- queries and strangers
 
 
-def test_queries() -> None:
+def test_queries_are_answered() -> None:
     gateway = awake()
     assert ask(gateway, "401#", AWAKE) == ["101#00"]
     assert ask(gateway, "481#", AWAKE) == ["101#0073006F00B900"]
@@ -117,7 +117,7 @@ def test_queries() -> None:
 @pytest.mark.parametrize(
     "text", ["402#", "001#", "101#00", "601#", "701#", "781#00000000", "081#", "401#R", "00000401#"]
 )
-def test_other_nodes_ops_and_kinds_of_frames_get_no_answer(text: str) -> None:
+def test_unknown_frames_get_no_answer(text: str) -> None:
     assert ask(awake(), text, AWAKE) == []
 
 
@@ -129,9 +129,9 @@ def test_asynchronous_stream_at_nominal_absolute_times() -> None:
     # Frame 0 goes out before the first sample is taken, and before the acknowledge.
     *first, acknowledge = ask(gateway, START_UNFILTERED, AWAKE)
     assert (value(first), acknowledge) == (((0,) * 6, 0), "101#00")
-    told = run(gateway, AWAKE + 20.001)
-    assert [at for at, _ in told[::2]] == [AWAKE + k * 0.01 for k in range(1, 2001)]
-    frames = [text for _, text in told]
+    reported = run(gateway, AWAKE + 20.001)
+    assert [at for at, _ in reported[::2]] == [AWAKE + k * 0.01 for k in range(1, 2001)]
+    frames = [text for _, text in reported]
     for k in (1, 1000, 2000):
         counts, counter = value(frames[2 * k - 2 : 2 * k])
         assert counts == tuple(COUNTS)
@@ -139,7 +139,7 @@ def test_asynchronous_stream_at_nominal_absolute_times() -> None:
         assert counter in {math.floor(k * 0.01 / TS) % 65536, math.floor(k * 0.01 / TS - 1e-6) % 65536}
 
 
-def test_a_late_call_emits_every_frame_with_the_samples_of_its_time() -> None:
+def test_late_call_emits_every_frame_with_its_sample() -> None:
     prompt, late = awake(ramp), awake(ramp)
     ask(prompt, START_UNFILTERED, AWAKE)
     ask(late, START_UNFILTERED, AWAKE)
@@ -149,7 +149,7 @@ def test_a_late_call_emits_every_frame_with_the_samples_of_its_time() -> None:
     ]
 
 
-def test_a_sample_is_the_newest_of_the_8_khz_grid() -> None:
+def test_sample_is_newest_of_8_khz_grid() -> None:
     gateway = awake(ramp)
     ask(gateway, START_UNFILTERED, AWAKE)
     for at, text in run(gateway, AWAKE + 0.15)[::2]:
@@ -158,12 +158,12 @@ def test_a_sample_is_the_newest_of_the_8_khz_grid() -> None:
         assert -1e-5 < age < 125e-6 + TS + 1e-5
 
 
-def test_short_payloads_mean_unfiltered_and_full_speed() -> None:
+def test_short_payloads_select_unfiltered_full_speed() -> None:
     gateway = awake()
     ask(gateway, "201#", AWAKE)
-    told = run(gateway, AWAKE + 0.01)
-    assert len(told) == 2 * math.floor(0.01 / 260e-6)
-    assert value([text for _, text in told[-2:]])[0] == tuple(COUNTS)
+    reported = run(gateway, AWAKE + 0.01)
+    assert len(reported) == 2 * math.floor(0.01 / 260e-6)
+    assert value([text for _, text in reported[-2:]])[0] == tuple(COUNTS)
 
 
 def test_sync_sends_force_then_moment_in_both_modes() -> None:
@@ -177,7 +177,7 @@ def test_sync_sends_force_then_moment_in_both_modes() -> None:
     assert value(ask(gateway, "080#", AWAKE + 0.0071)) == (tuple(COUNTS), math.floor(0.0011 / TS))
 
 
-def test_start_sync_ends_the_asynchronous_stream() -> None:
+def test_start_sync_ends_asynchronous_stream() -> None:
     gateway = awake()
     ask(gateway, START_UNFILTERED, AWAKE)
     run(gateway, AWAKE + 0.1)
@@ -186,7 +186,7 @@ def test_start_sync_ends_the_asynchronous_stream() -> None:
     assert value(ask(gateway, "080#", AWAKE + 5.0001))[1] == math.floor(5.0001 / TS)
 
 
-def test_a_new_period_counts_from_the_frame_that_is_awaited() -> None:
+def test_new_period_counts_from_awaited_frame() -> None:
     gateway = awake()
     ask(gateway, START_UNFILTERED, AWAKE)
     assert ask(gateway, "201#0000204E0000", AWAKE + 0.005) == ["101#00"]
@@ -195,7 +195,7 @@ def test_a_new_period_counts_from_the_frame_that_is_awaited() -> None:
     )
 
 
-def test_stop_ends_the_stream_and_restarts_the_counter() -> None:
+def test_stop_ends_stream_and_resets_counter() -> None:
     gateway = awake()
     ask(gateway, START_UNFILTERED, AWAKE)
     run(gateway, AWAKE + 0.1)
@@ -205,7 +205,7 @@ def test_stop_ends_the_stream_and_restarts_the_counter() -> None:
     assert value(ask(gateway, START_UNFILTERED, AWAKE + 9)[:2]) == ((0,) * 6, 0)
 
 
-def test_no_watchdog() -> None:
+def test_gateway_has_no_watchdog() -> None:
     gateway = awake()
     ask(gateway, "201#000040420F00", AWAKE)
     assert len(run(gateway, AWAKE + 60.5)) == 2 * 60
@@ -214,13 +214,13 @@ def test_no_watchdog() -> None:
 # --- filter
 
 
-def test_filter_against_a_loop_over_single_samples() -> None:
+def test_filter_matches_loop_over_samples() -> None:
     gateway = awake(ramp, noise=2.0)
     sensor = Jr3Sensor(SensorProfile(noise_counts=2.0), KnownWrench(ramp), seed=3)
     ask(gateway, "201#C80010270000", AWAKE)
-    told = run(gateway, AWAKE + 0.3)
+    reported = run(gateway, AWAKE + 0.3)
     assert ask(gateway, "381#E803", AWAKE + 0.305) == ["101#00"]
-    told += run(gateway, AWAKE + 0.6)
+    reported += run(gateway, AWAKE + 0.6)
     y, alpha, loop = [0.0] * 6, TS / (TS + 1 / (2 * math.pi * 2.0)), [[0] * 6]
     for j in range(1, math.floor(0.6 / TS) + 2):
         if j * TS > 0.305:
@@ -228,14 +228,14 @@ def test_filter_against_a_loop_over_single_samples() -> None:
         x = sensor.counts(np.array([math.floor((AWAKE + j * TS) * 8000)]))[0]
         y = [old + alpha * (new - old) for old, new in zip(y, x, strict=True)]
         loop.append([math.floor(axis) for axis in y])
-    assert len(told) == 120
+    assert len(reported) == 120
     for k in range(60):
-        counts, counter = value([text for _, text in told[2 * k : 2 * k + 2]])
+        counts, counter = value([text for _, text in reported[2 * k : 2 * k + 2]])
         # One count: floor of sums that are added in another order.
         assert np.abs(np.array(counts) - loop[counter]).max() <= 1
 
 
-def test_filter_has_its_cut_off() -> None:
+def test_filter_has_cut_off_frequency() -> None:
     """Step response of a first-order low pass: 1 − e⁻¹ after 1/(2π f)."""
     gateway = awake()
     ask(gateway, "181#C800", AWAKE)
@@ -243,7 +243,7 @@ def test_filter_has_its_cut_off() -> None:
     assert np.array(counts) == pytest.approx(COUNTS * (1 - math.exp(-1)), rel=0.005)
 
 
-def test_cut_off_0_sends_the_very_samples() -> None:
+def test_cut_off_0_sends_unfiltered_samples() -> None:
     gateway = awake(noise=1.0)
     sensor = Jr3Sensor(SensorProfile(), KnownWrench(constant), seed=3)
     ask(gateway, "181#0000", AWAKE)
@@ -256,7 +256,7 @@ def test_cut_off_0_sends_the_very_samples() -> None:
 # --- zero and reset
 
 
-def test_zero_takes_the_filtered_value_and_stop_loses_it() -> None:
+def test_zero_takes_filtered_value_and_stop_clears_it() -> None:
     gateway = awake()
     ask(gateway, "181#0000", AWAKE)
     assert ask(gateway, "301#", AWAKE + 0.01) == ["101#00"]
@@ -268,7 +268,7 @@ def test_zero_takes_the_filtered_value_and_stop_loses_it() -> None:
     assert value(ask(gateway, "080#", AWAKE + 0.05))[0] == tuple(COUNTS)
 
 
-def test_the_zero_is_that_of_the_moment_of_the_command() -> None:
+def test_zero_is_taken_at_time_of_command() -> None:
     gateway = awake(ramp)
     ask(gateway, "181#0000", AWAKE)
     ask(gateway, "301#", AWAKE + 0.01)
@@ -276,7 +276,7 @@ def test_the_zero_is_that_of_the_moment_of_the_command() -> None:
     assert counts[0] == pytest.approx(10_000, abs=40)
 
 
-def test_zero_while_stopped_takes_the_first_sample_after_start() -> None:
+def test_zero_while_stopped_takes_first_sample_after_start() -> None:
     gateway = awake()
     assert ask(gateway, "301#", AWAKE) == ["101#00"]
     ask(gateway, "181#C800", AWAKE)
@@ -286,7 +286,7 @@ def test_zero_while_stopped_takes_the_first_sample_after_start() -> None:
     assert np.array(counts) == pytest.approx(COUNTS * (1 - alpha), abs=1.01)
 
 
-def test_reset_stops_and_reads_the_calibration_without_boot_up() -> None:
+def test_reset_rereads_calibration_without_boot_up() -> None:
     gateway = awake()
     ask(gateway, START_UNFILTERED, AWAKE)
     run(gateway, AWAKE + 0.1)

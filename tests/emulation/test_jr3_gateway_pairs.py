@@ -1,4 +1,4 @@
-"""The clients of both gateways against the emulated gateways, without a transport, in virtual time."""
+"""Tests of the clients of both gateways with the emulated gateways, without a transport, in virtual time."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -50,7 +50,7 @@ Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def of(counts: Sequence[int]) -> Wrench:
-    """The wrench that is always these counts."""
+    """Return a wrench that always has these counts."""
     return lambda times: np.tile(counts * UNITS, (len(times), 1))
 
 
@@ -59,7 +59,7 @@ CONSTANT = of(COUNTS)
 
 @dataclass(frozen=True)
 class Pair:
-    """A gateway and its client."""
+    """Gateway and its client."""
 
     name: str
     gateway: Callable[..., Any]
@@ -70,12 +70,12 @@ class Pair:
     def powered(
         self, at: float = T0, wrench: Wrench = CONSTANT, connected: bool = True, **profile: object
     ) -> Any:
-        """The gateway, switched on at a time."""
+        """Return the gateway, powered up at a time."""
         sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), KnownWrench(wrench), seed=3)
         return self.gateway(self.gateway_profile(**profile), sensor, powered_at=at)
 
     def bench(self, gateway: Any = None, now: float = T0, **profile: object) -> "Bench":
-        """The client before a gateway, by default one that is switched on with it."""
+        """Return the client in front of a gateway, by default one that is powered up with it."""
         return Bench(gateway or self.powered(), self.client(self.client_profile(**profile), now), now)
 
 
@@ -85,7 +85,7 @@ on_both = pytest.mark.parametrize("pair", [CAN, UART], ids=["can", "uart"])
 
 
 class Bench:
-    """Client and gateway on one line; `down` and `up` may lose or change what passes."""
+    """Client and gateway on one line; `down` and `up` may drop or change data."""
 
     def __init__(self, gateway: Any, client: Any, now: float) -> None:
         self.gateway, self.client, self.now = gateway, client, now
@@ -107,7 +107,7 @@ class Bench:
             self.events.append(event)
 
     def run(self, until: float) -> list[SensorEvent]:
-        """Messages of the client until then."""
+        """Return the messages of the client up to this time."""
         self.events = []
         self._settle()
         while True:
@@ -135,16 +135,16 @@ def samples(events: list[SensorEvent]) -> list[WrenchFrame]:
     [(CAN, {}), (UART, {}), (UART, {"kept_bytes": 256})],
     ids=["can", "uart", "uart that keeps"],
 )
-def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dict[str, Any]) -> None:
+def test_session_runs_over_counter_wrap(pair: Pair, profile: dict[str, Any]) -> None:
     bench = pair.bench(pair.powered(**profile), cutoff_hz=0.0)
     events = bench.run(T0 + 40)
     assert events[:2] == [READY, NOTICE]
-    told = samples(events)
-    assert len(told) == len(events) - 2 > 3000
-    assert {event.values for event in told} == {COUNTS}
+    reported = samples(events)
+    assert len(reported) == len(events) - 2 > 3000
+    assert {event.values for event in reported} == {COUNTS}
     # 10 ms, and what sending and waking up take: 78.1 … 78.3 samples
-    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {78, 79}
-    assert told[-1].sequence > 3 * 65536
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(reported)} == {78, 79}
+    assert reported[-1].sequence > 3 * 65536
     bench.client.zero()
     events = bench.run(T0 + 42)
     assert sum(isinstance(event, Zeroed) for event in events) == 1
@@ -156,14 +156,16 @@ def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dic
 
 
 @on_both
-def test_a_sensor_that_is_not_plugged_in(pair: Pair) -> None:
+def test_missing_sensor_is_reported(pair: Pair) -> None:
     bench = pair.bench(pair.powered(connected=False), ready_timeout_s=12.0)
     (failed,) = bench.run(T0 + 30)
-    assert failed == SensorFailed(f"{pair.name}: acknowledges but not ready after 12 s", "sensor unplugged?")
+    assert failed == SensorFailed(
+        f"{pair.name}: acknowledges but is not ready after 12 s", "sensor unplugged?"
+    )
 
 
 @on_both
-def test_a_stop_waits_for_the_rest_of_a_long_period_and_is_not_repeated(pair: Pair) -> None:
+def test_stop_waits_for_end_of_long_period(pair: Pair) -> None:
     bench = pair.bench(period_ms=2000.0)
     assert samples(bench.run(T0 + 14.1))
     stopped_at = bench.now - T0
@@ -174,32 +176,32 @@ def test_a_stop_waits_for_the_rest_of_a_long_period_and_is_not_repeated(pair: Pa
 
 
 @on_both
-def test_a_gateway_whose_sensor_is_unplugged_is_told_to_hang(pair: Pair) -> None:
+def test_unplugged_sensor_is_reported_as_hang(pair: Pair) -> None:
     bench = pair.bench()
     bench.run(T0 + 12)
     bench.gateway.unplug(bench.now)
     assert len(samples(bench.run(T0 + 12.5))) <= 1
     assert bench.client.statistics.stands
     bench.client.stop()
-    failed = SensorFailed(f"{pair.name}: no acknowledge of stop, and its counter stood still before", HANGS)
+    failed = SensorFailed(f"{pair.name}: no acknowledge of stop, and its counter was stuck before", HANGS)
     assert bench.run(T0 + 15) == [failed]
     bench.gateway.plug_in(bench.now)
     assert bench.run(T0 + 16) == []
 
 
 @on_both
-def test_a_counter_that_stands_still_for_long_ends_the_session(pair: Pair) -> None:
+def test_frozen_counter_ends_session(pair: Pair) -> None:
     bench = pair.bench()
     bench.run(T0 + 12)
     bench.gateway.unplug(bench.now)
     assert len(bench.run(T0 + 12.99)) <= 1
     (failed,) = bench.run(T0 + 13.05)
     assert isinstance(failed, SensorFailed)
-    assert failed.text.startswith(f"{pair.name}: its counter has stood at ")
+    assert failed.text.startswith(f"{pair.name}: its counter has been stuck at ")
 
 
 @on_both
-def test_a_sensor_that_is_plugged_in_again_soon_goes_on(pair: Pair) -> None:
+def test_session_survives_short_unplugging(pair: Pair) -> None:
     bench = pair.bench(cutoff_hz=0.0)
     before = samples(bench.run(T0 + 12))
     bench.gateway.unplug(bench.now)
@@ -212,7 +214,7 @@ def test_a_sensor_that_is_plugged_in_again_soon_goes_on(pair: Pair) -> None:
 
 
 @on_both
-def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again(pair: Pair) -> None:
+def test_rebooted_gateway_loses_zero_and_is_restarted(pair: Pair) -> None:
     bench = pair.bench(cutoff_hz=0.0)
     bench.client.zero()
     before = samples(bench.run(T0 + 12))
@@ -228,41 +230,41 @@ def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again(pair: Pair) 
 def test_lost_frames_are_counted(pair: Pair) -> None:
     bench = pair.bench()
     bench.run(T0 + 10.005)
-    seen = itertools.count(1)
-    bench.up = lambda data: data[:0] if next(seen) % 10 == 0 else data
-    told = samples(bench.run(T0 + 11.055))
-    assert (len(told), bench.client.statistics.lost) == (95, 10)
+    observed = itertools.count(1)
+    bench.up = lambda data: data[:0] if next(observed) % 10 == 0 else data
+    reported = samples(bench.run(T0 + 11.055))
+    assert (len(reported), bench.client.statistics.lost) == (95, 10)
 
 
 # --- the CAN gateway alone
 
 
-def test_lost_halves_of_samples_are_counted() -> None:
+def test_lost_half_samples_are_counted() -> None:
     bench = CAN.bench()
     bench.run(T0 + 10.005)
-    seen = itertools.count(1)
+    observed = itertools.count(1)
 
     def without_every_tenth_force_frame(frames: Sequence[CanFrame]) -> list[CanFrame]:
-        return [frame for frame in frames if frame.identifier != 0x601 or next(seen) % 10]
+        return [frame for frame in frames if frame.identifier != 0x601 or next(observed) % 10]
 
     bench.up = without_every_tenth_force_frame
-    told = samples(bench.run(T0 + 11.055))
-    assert (len(told), bench.client.statistics.lost, bench.client.statistics.unpaired) == (95, 10, 10)
+    reported = samples(bench.run(T0 + 11.055))
+    assert (len(reported), bench.client.statistics.lost, bench.client.statistics.unpaired) == (95, 10, 10)
 
 
-def test_a_gateway_without_power() -> None:
+def test_unpowered_gateway_is_reported() -> None:
     bench = CAN.bench()
     bench.up = lambda frames: []
     (failed,) = bench.run(T0 + 30)
     assert isinstance(failed, SensorFailed)
-    assert "silent: nothing of a gateway on the bus" in failed.text
+    assert "silent: no frame of a gateway on the bus" in failed.text
 
 
-def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
-    asked: list[float] = []
+def test_cell_is_never_read_backwards_or_ahead() -> None:
+    requested: list[float] = []
 
     def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
-        asked.extend(times.tolist())
+        requested.extend(times.tolist())
         assert times[-1] <= bench.now
         return CONSTANT(times)
 
@@ -271,14 +273,14 @@ def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
     bench.client.set_filter(2.0)
     bench.client.zero()
     bench.run(T0 + 4)
-    assert asked == sorted(asked)
-    assert asked[-1] > T0 + 3.8
+    assert requested == sorted(requested)
+    assert requested[-1] > T0 + 3.8
 
 
 # --- the UART gateway alone
 
 
-def test_the_client_asks_through_the_boot_and_then_keeps_the_pace() -> None:
+def test_client_polls_through_boot_then_keeps_pace() -> None:
     bench = UART.bench()
     bench.client.zero()
     bench.run(T0 + 12)
@@ -292,43 +294,43 @@ def test_the_client_asks_through_the_boot_and_then_keeps_the_pace() -> None:
     ]
 
 
-def test_counts_that_look_like_delimiters_arrive_whole() -> None:
-    """Six axes that read 0x3C3E, 0x3E3C and the like, and a filter that lets them pass."""
-    looks = (0x3C3E, 0x3E3C, 0x3E3E, 0x3C3C, 0x3E, 0x3C)
+def test_counts_like_delimiters_arrive_intact() -> None:
+    """Six axes that read 0x3C3E, 0x3E3C and the like, with a filter that passes them."""
+    counts = (0x3C3E, 0x3E3C, 0x3E3E, 0x3C3C, 0x3E, 0x3C)
 
-    bench = UART.bench(UART.powered(wrench=of(looks)), cutoff_hz=0.0, period_ms=4.0)
-    told = samples(bench.run(T0 + 30))
-    assert len(told) > 5000
-    assert {event.values for event in told} == {looks}
+    bench = UART.bench(UART.powered(wrench=of(counts)), cutoff_hz=0.0, period_ms=4.0)
+    reported = samples(bench.run(T0 + 30))
+    assert len(reported) > 5000
+    assert {event.values for event in reported} == {counts}
     assert bench.client.statistics.malformed == 0
 
 
-def test_damaged_bytes_cost_their_frame_and_no_more() -> None:
+def test_damaged_bytes_lose_one_frame_only() -> None:
     bench = UART.bench()
     bench.run(T0 + 10.005)
-    seen = itertools.count(1)
-    bench.up = lambda data: data[1:] if next(seen) % 10 == 0 else data
-    told = samples(bench.run(T0 + 11.055))
+    observed = itertools.count(1)
+    bench.up = lambda data: data[1:] if next(observed) % 10 == 0 else data
+    reported = samples(bench.run(T0 + 11.055))
     statistics = bench.client.statistics
-    assert (len(told), statistics.lost, statistics.malformed) == (95, 10, 10)
+    assert (len(reported), statistics.lost, statistics.malformed) == (95, 10, 10)
 
 
-def test_commands_that_are_lost_on_the_line_are_repeated() -> None:
+def test_lost_commands_are_repeated() -> None:
     bench = UART.bench()
-    seen = itertools.count()
-    bench.down = lambda data: b"" if next(seen) % 2 == 0 else data
+    observed = itertools.count()
+    bench.down = lambda data: b"" if next(observed) % 2 == 0 else data
     assert FILTERED in bench.run(T0 + 30)
 
 
-def test_commands_that_are_torn_on_the_line_are_repeated() -> None:
-    """A torn command is read with what is left of the one before, answered as that, and costs a deaf second."""
+def test_truncated_commands_are_repeated() -> None:
+    """A truncated command is read together with the rest of the previous one, answered as such, and costs a second."""
     bench = UART.bench()
-    seen = itertools.count()
-    bench.down = lambda data: data[: len(data) // 2] if next(seen) % 3 == 0 else data
+    observed = itertools.count()
+    bench.down = lambda data: data[: len(data) // 2] if next(observed) % 3 == 0 else data
     assert FILTERED in bench.run(T0 + 30)
 
 
-def test_a_client_that_joins_a_running_stream() -> None:
+def test_client_joins_running_stream() -> None:
     first = UART.bench(cutoff_hz=0.0)
     first.run(T0 + 12)
     second = UART.bench(first.gateway, first.now, cutoff_hz=0.0, period_ms=20.0)

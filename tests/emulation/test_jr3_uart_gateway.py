@@ -1,8 +1,8 @@
-"""The emulated UART gateway as transcripts, and its misreadings.
+"""Tests of the emulated UART gateway by transcripts, including its misreadings.
 
-A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: text as it is, hex
-after a colon; `! unplug` and `! plug_in` are the sensor's plug. `sample N` and `zeros N` stand for a data frame with
-counter N, made here by hand and not by the codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
+A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: plain text, or hex after a
+colon; `! unplug` and `! plug_in` are the sensor's plug. `sample N` and `zeros N` denote a data frame with counter N,
+built here by hand and not by the codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
 """
 
 import itertools
@@ -26,14 +26,14 @@ OK, NOT_READY = ":3C3031003E", ":3C3031013E"
 START_10_MS = ":3C3032000010270000 3E"
 
 KIND: dict[str, Any] = {"period_overhead_us": (0.0, 0.0), "joins": False, "blocks": False}
-"""A gateway that does everything at once."""
+"""Settings of a gateway without any delay."""
 
 Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
 class Transcript:
-    """A statement about the gateway, and the line traffic that shows it."""
+    """Statement about the gateway, and the line traffic that shows it."""
 
     sentence: str
     lines: str
@@ -263,10 +263,10 @@ TRANSCRIPTS = [
 ]
 
 FIRMWARE: dict[str, Any] = {"period_overhead_us": (0.0, 0.0), "joins": True, "blocks": True}
-"""The firmware's own manners, but with periods as asked for."""
+"""Settings with the firmware's own delays, but with exact periods."""
 START_100_MS = ":3C30320000A0860100 3E"
 
-MANNERS = [
+VARIANTS = [
     Transcript(
         "stop joins the stream's thread: the acknowledge comes 22.8 ms later, after the rest of 100 ms",
         f"""
@@ -369,8 +369,8 @@ MANNERS = [
 ]
 
 
-def spelled(text: str) -> bytes:
-    """The bytes that a line stands for."""
+def decode_line(text: str) -> bytes:
+    """Return the bytes that a line denotes."""
     match text.split():
         case ("sample" | "zeros" as word, number):
             counts = COUNTS if word == "sample" else (0,) * 6
@@ -391,22 +391,22 @@ def powered(
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS, ids=lambda transcript: transcript.sentence[:60])
-def test_transcript(transcript: Transcript) -> None:
+def test_transcript_matches(transcript: Transcript) -> None:
     _check(transcript, powered(connected=transcript.connected, **transcript.profile))
 
 
-@pytest.mark.parametrize("transcript", MANNERS, ids=lambda transcript: transcript.sentence[:60])
-def test_transcript_of_the_firmware_as_it_ran(transcript: Transcript) -> None:
+@pytest.mark.parametrize("transcript", VARIANTS, ids=lambda transcript: transcript.sentence[:60])
+def test_transcript_of_firmware_matches(transcript: Transcript) -> None:
     _check(transcript, powered(connected=transcript.connected, **FIRMWARE))
 
 
 def _check(transcript: Transcript, gateway: UartGateway) -> None:
-    wanted: list[tuple[float, bytes]] = []
-    told: list[tuple[float, bytes]] = []
+    expected: list[tuple[float, bytes]] = []
+    reported: list[tuple[float, bytes]] = []
 
     def take(now: float) -> None:
         if data := gateway.data_to_send(now):
-            told.append((round((now - T0) * 1e3, 3), data))
+            reported.append((round((now - T0) * 1e3, 3), data))
 
     def run(until: float) -> None:
         while (due := gateway.next_deadline()) is not None and due <= until + 1e-9:
@@ -418,26 +418,26 @@ def _check(transcript: Transcript, gateway: UartGateway) -> None:
         at = float(milliseconds)
         if direction == ">":
             run(T0 + at * 1e-3)
-            gateway.receive(spelled(text), T0 + at * 1e-3)
+            gateway.receive(decode_line(text), T0 + at * 1e-3)
             take(T0 + at * 1e-3)
         elif direction == "!":
             run(T0 + at * 1e-3)
             getattr(gateway, text)(T0 + at * 1e-3)
         else:
-            wanted.append((at, spelled(text)))
-    run(T0 + wanted[-1][0] * 1e-3)
+            expected.append((at, decode_line(text)))
+    run(T0 + expected[-1][0] * 1e-3)
 
     def joined(lines: list[tuple[float, bytes]]) -> dict[float, bytes]:
         return {
             at: b"".join(data for _, data in group) for at, group in itertools.groupby(lines, lambda x: x[0])
         }
 
-    assert joined(told) == joined(wanted)
+    assert joined(reported) == joined(expected)
 
 
-def test_a_late_call_does_everything_at_its_time() -> None:
+def test_late_deadline_sends_same_bytes_as_prompt_ones() -> None:
     prompt, late = powered(kept_bytes=256), powered(kept_bytes=256)
-    start = spelled(START_10_MS)
+    start = decode_line(START_10_MS)
     for gateway in (prompt, late):
         gateway.handle_deadline(T0 + 6)
         gateway.receive(start, T0 + 6)
@@ -449,4 +449,4 @@ def test_a_late_call_does_everything_at_its_time() -> None:
     late.handle_deadline(T0 + 20)
     assert late.data_to_send(T0 + 20) == sent
     # The stream of 10 ms ran for the deaf second; then the stop that had waited was read.
-    assert (sent.count(b"<09"), sent[-5:]) == (101, spelled(OK))
+    assert (sent.count(b"<09"), sent[-5:]) == (101, decode_line(OK))

@@ -1,4 +1,4 @@
-"""The board's words in a piece of memory, as a host's driver finds and writes them there."""
+"""Tests of the board's words in plain memory, as a host's driver reads and writes them."""
 
 import mmap
 
@@ -13,11 +13,11 @@ from tests.paper_cell import BOARD, PaperCellProfile, s3_jr3_cell
 COMMAND, ERRORS, MODEL = (REGISTERS[name].address for name in ("command_word0", "errors", "model_no"))
 FULL_SCALES, OFFSETS = REGISTERS["full_scale"].address, REGISTERS["offsets"].address
 STEADY = 4.0
-"""After the board has zeroed its offsets, s."""
+"""Time after the board has zeroed its offsets, s."""
 
 
 class Host:
-    """A board with its window at a time that a test sets, and the memory as its driver sees it."""
+    """Board with its window at a time that a test sets, and the memory as its driver sees it."""
 
     def __init__(self) -> None:
         memory = mmap.mmap(-1, WINDOW_BYTES)
@@ -30,9 +30,9 @@ class Host:
         self.words = self.cells[WORDS_AT:]
 
     def after(self, seconds: float) -> None:
-        """The window's next look."""
+        """Run the window's next update."""
         self.now += seconds
-        self.window.look()
+        self.window.exchange()
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def host() -> Host:
     return Host()
 
 
-def test_the_driver_sees_what_the_board_says(host: Host) -> None:
+def test_driver_reads_words_of_board(host: Host) -> None:
     assert host.words[MODEL] == 0
     host.after(0.01)
     assert tuple(host.words[:768]) == host.board.read(0, 768, host.now)
@@ -50,7 +50,7 @@ def test_the_driver_sees_what_the_board_says(host: Host) -> None:
     assert int(host.words[count1]) - before == 80
 
 
-def test_a_command_finds_the_words_before_it_and_is_answered(host: Host) -> None:
+def test_command_uses_preceding_words(host: Host) -> None:
     host.after(0.01)
     host.words[FULL_SCALES : FULL_SCALES + 6] = 230, 222, 370, 112, 104, 122
     host.words[COMMAND] = 0x0A00
@@ -64,7 +64,7 @@ def test_a_command_finds_the_words_before_it_and_is_answered(host: Host) -> None
     assert host.window.commands == [0x0A00]
 
 
-def test_zero_offsets_show_the_tools_weight(host: Host) -> None:
+def test_zero_offsets_show_weight_of_tool(host: Host) -> None:
     host.after(0.01)
     host.words[OFFSETS : OFFSETS + 6] = 0
     host.after(0.01)
@@ -73,14 +73,14 @@ def test_zero_offsets_show_the_tools_weight(host: Host) -> None:
     assert counts * 185.0 / 16384 == pytest.approx(0.5 * 9.80665, abs=0.05)
 
 
-def test_a_word_that_only_the_board_writes_is_put_back(host: Host) -> None:
+def test_read_only_word_is_restored(host: Host) -> None:
     host.after(0.01)
     host.words[MODEL] = 77
     host.after(0.01)
     assert host.words[MODEL] == host.board.read_word(MODEL, host.now) != 77
 
 
-def test_a_reset_starts_the_board_anew_once(host: Host) -> None:
+def test_reset_restarts_board_once(host: Host) -> None:
     host.after(0.01)
     host.cells[RESET_AT] = 0
     host.after(0.01)
@@ -92,13 +92,13 @@ def test_a_reset_starts_the_board_anew_once(host: Host) -> None:
     assert host.words[MODEL] != 0
 
 
-def test_pulling_the_plug_is_seen_by_the_driver(host: Host) -> None:
+def test_driver_detects_unplugged_sensor(host: Host) -> None:
     host.window.at_board(Board.unplug)
     host.after(0.1)
     assert host.words[ERRORS] & Errors.WATCH_DOG
 
 
-def test_what_goes_wrong_in_the_thread_is_told_where_the_window_ends(host: Host) -> None:
+def test_error_in_thread_is_raised_at_end_of_window(host: Host) -> None:
     host.window._words = host.words[:1]  # too few
     with pytest.raises(IndexError), host.window:
         host.window._thread.join(10.0)

@@ -1,4 +1,4 @@
-"""Joints and poses of the arm, the lines that it can follow, and how fast. Expected values by plane geometry."""
+"""Tests of joints and poses of the arm, the lines that it can follow, and their speed; checked by plane geometry."""
 
 import math
 
@@ -70,7 +70,7 @@ def test_forward_kinematics_is_plane_geometry(
     np.testing.assert_allclose(frame[:, 0], tool_x, rtol=0, atol=1e-12)
 
 
-def test_axis_3_may_be_read_against_the_upper_arm() -> None:
+def test_axis_3_may_be_relative_to_upper_arm() -> None:
     riding = Arm(S3Profile(axis_3_against="upper_arm"), TOOL)
     level = Arm(S3Profile(), TOOL)
     at, quaternion = level.pose(degrees(10, 30, 45, 20, 40, 50))
@@ -81,7 +81,7 @@ def test_axis_3_may_be_read_against_the_upper_arm() -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(st.tuples(*(st.floats(-reach, reach) for reach in RANGES)), st.sampled_from(["horizon", "upper_arm"]))
-def test_every_posture_holds_the_pose_inside_the_ranges(angles: tuple[float, ...], against: str) -> None:
+def test_every_posture_holds_pose_within_ranges(angles: tuple[float, ...], against: str) -> None:
     arm = Arm(S3Profile(axis_3_against=against), TOOL)  # type: ignore[arg-type]
     joints = degrees(*angles)
     position, quaternion = arm.pose(joints)
@@ -113,16 +113,19 @@ def test_all_eight_branches_are_found() -> None:
     st.tuples(*(st.floats(-1.5, 1.5) for _ in RANGES)),
     st.sampled_from(["horizon", "upper_arm"]),
 )
-def test_the_nearest_posture_takes_the_least_effort_of_all(
-    angles: tuple[float, ...], way: tuple[float, ...], against: str
+def test_nearest_posture_is_minimal(
+    angles: tuple[float, ...], displacement: tuple[float, ...], against: str
 ) -> None:
     profile = S3Profile(axis_3_against=against)  # type: ignore[arg-type]
     arm = Arm(profile, TOOL)
-    pose, near = arm.pose(degrees(*angles)), degrees(*(a + b**5 for a, b in zip(angles, way, strict=True)))
+    pose, near = (
+        arm.pose(degrees(*angles)),
+        degrees(*(a + b**5 for a, b in zip(angles, displacement, strict=True))),
+    )
 
     def effort(posture: Joints) -> float:
-        ways = zip(near, posture, profile.axis_speeds_deg_s, strict=True)
-        return sum(((q - p) / speed) ** 2 for p, q, speed in ways)
+        displacements = zip(near, posture, profile.axis_speeds_deg_s, strict=True)
+        return sum(((q - p) / speed) ** 2 for p, q, speed in displacements)
 
     nearest = arm.nearest(*pose, near)
     efforts = [effort(posture) for posture in arm.postures(*pose, near)]
@@ -132,14 +135,14 @@ def test_the_nearest_posture_takes_the_least_effort_of_all(
 
 
 @pytest.mark.parametrize("fourth", [-170.0, -10.0, 10.0, 170.0])
-def test_the_wrist_flip_is_the_one_that_moves_least(fourth: float) -> None:
+def test_wrist_flip_with_least_motion_is_chosen(fourth: float) -> None:
     arm = Arm(S3Profile(), TOOL)
     for fifth in (-40.0, 40.0):
         joints = degrees(5, 10, 20, fourth, fifth, 15)
         assert arm.nearest(*arm.pose(joints), joints) == pytest.approx(joints, abs=1e-9)
 
 
-def test_of_angles_a_turn_apart_the_next_one_in_range_is_taken() -> None:
+def test_nearest_equivalent_angle_in_range_is_taken() -> None:
     arm = Arm(S3Profile(), TOOL)
     pose = arm.pose(degrees(0, 10, 20, 0, 40, 190))
     assert arm.nearest(*pose, degrees(0, 10, 20, 0, 40, 199)) == pytest.approx(degrees(0, 10, 20, 0, 40, 190))
@@ -155,7 +158,7 @@ def test_of_angles_a_turn_apart_the_next_one_in_range_is_taken() -> None:
 
 
 @pytest.mark.parametrize("kept", [-120.0, 0.0, 77.0])
-def test_a_straight_wrist_keeps_axis_4(kept: float) -> None:
+def test_straight_wrist_keeps_axis_4(kept: float) -> None:
     arm = Arm(S3Profile(), TOOL)
     pose = arm.pose(degrees(0, 10, 20, 30, 0, 15))
     assert arm.nearest(*pose, degrees(0, 10, 20, kept, 1, 0)) == pytest.approx(
@@ -163,7 +166,7 @@ def test_a_straight_wrist_keeps_axis_4(kept: float) -> None:
     )
 
 
-def test_a_wrist_above_the_base_keeps_axis_1() -> None:
+def test_wrist_above_base_keeps_axis_1() -> None:
     arm = Arm(S3Profile(), TOOL)
     # Tool up: flange and wrist on axis 1.
     joints = arm.nearest((0.0, 0.0, 2.2), (1.0, 0.0, 0.0, 0.0), degrees(33, 0, 0, 0, -90, 0))
@@ -171,16 +174,16 @@ def test_a_wrist_above_the_base_keeps_axis_1() -> None:
     assert math.degrees(joints[0]) == pytest.approx(33.0)
 
 
-def test_ranges_lie_about_their_middles() -> None:
-    moved = Arm(S3Profile(axis_middles_deg=(90.0, 0.0, 0.0, 0.0, 0.0, 0.0)), TOOL)
-    pose = moved.pose(degrees(200, 10, 20, 0, 40, 0))
-    assert moved.nearest(*pose, moved.middles) == pytest.approx(degrees(200, 10, 20, 0, 40, 0))
+def test_ranges_are_centred_on_middles() -> None:
+    shifted = Arm(S3Profile(axis_middles_deg=(90.0, 0.0, 0.0, 0.0, 0.0, 0.0)), TOOL)
+    pose = shifted.pose(degrees(200, 10, 20, 0, 40, 0))
+    assert shifted.nearest(*pose, shifted.middles) == pytest.approx(degrees(200, 10, 20, 0, 40, 0))
     narrow = S3Profile(axis_ranges_deg=(5.0, 100.0, 60.0, 200.0, 120.0, 200.0))
     with pytest.raises(OutsideWorkArea, match="axis_ranges_deg"):
         WorkArea(narrow, TOOL).joints(START, DOWN)
 
 
-def test_the_emulated_cell_starts_mid_range_and_reaches_its_contours() -> None:
+def test_default_cell_starts_mid_range_and_reaches_contours() -> None:
     area = WorkArea(S3Profile(), TOOL)
     joints = area.joints(START, DOWN)
     assert np.degrees(joints) == pytest.approx((-6.34, 17.4, 44.6, 0.0, 45.4, -6.34), abs=0.1)
@@ -196,7 +199,7 @@ def line(area: WorkArea, begin: Joints, end: Joints, arm: Arm) -> Route:
     return area.route(*arm.pose(begin), begin, *arm.pose(end))
 
 
-def test_a_line_is_followed_closely_between_its_poses() -> None:
+def test_line_is_followed_between_poses() -> None:
     arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
     begin, end = degrees(-20, 10, 20, 10, 40, 0), degrees(30, 25, 30, -20, 60, 50)
     route = line(area, begin, end, arm)
@@ -212,7 +215,7 @@ def test_a_line_is_followed_closely_between_its_poses() -> None:
     assert np.abs(np.diff(np.degrees(route.joints), axis=0)).max() <= 3.0
 
 
-def test_a_line_to_the_back_is_none_for_an_arm_short_of_a_turn() -> None:
+def test_line_to_back_is_refused_with_limited_axis_1() -> None:
     area = WorkArea(S3Profile(), TOOL)
     for there in ((-0.9, -0.1, 0.6), (-0.9, 0.1, 0.6)):
         area.joints(there, DOWN)
@@ -223,7 +226,7 @@ def test_a_line_to_the_back_is_none_for_an_arm_short_of_a_turn() -> None:
         area.route((-0.9, -0.1, 0.6), DOWN, behind, (-0.9, 0.1, 0.6), DOWN)
 
 
-def test_a_line_that_would_need_the_other_elbow_is_refused() -> None:
+def test_line_through_other_elbow_posture_is_refused() -> None:
     # Axis 2 leans no less than 60°: further up only the elbow hanging down reaches.
     profile = S3Profile(
         axis_ranges_deg=(180.0, 20.0, 180.0, 200.0, 120.0, 200.0),
@@ -238,14 +241,14 @@ def test_a_line_that_would_need_the_other_elbow_is_refused() -> None:
         line(area, begin, end, arm)
 
 
-def test_through_a_straight_wrist_axis_4_stands_still() -> None:
+def test_line_through_straight_wrist_keeps_axis_4() -> None:
     arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
     route = line(area, degrees(0, 10, 20, 0, 25, 0), degrees(0, 10, 20, 0, -25, 0), arm)
     assert route.joints[-1] == pytest.approx(degrees(0, 10, 20, 0, -25, 0), abs=1e-9)
     assert np.abs(np.array(route.joints)[:, 3]).max() < 1e-9
 
 
-def test_past_a_straight_wrist_axis_4_turns_and_slows_the_line() -> None:
+def test_line_past_straight_wrist_is_slowed_by_axis_4() -> None:
     arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
     begin = degrees(0, 10, 20, 10, 25, 0)
     position, _ = arm.pose(degrees(0, 10, 20, -10, -25, 0))
@@ -261,7 +264,7 @@ def test_past_a_straight_wrist_axis_4_turns_and_slows_the_line() -> None:
     assert spans.max() > 1.3
 
 
-def test_a_flip_of_the_wrist_is_looked_at_closely() -> None:
+def test_wrist_flip_is_refined() -> None:
     # Less than 1° from place to place, half a degree beside the straight wrist: axis 4 must go round.
     arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
     route = line(area, degrees(0, 0, 20, 6, 5, 0), degrees(0, 20, 20, -6, -5, 0), arm)
@@ -269,7 +272,7 @@ def test_a_flip_of_the_wrist_is_looked_at_closely() -> None:
     assert math.degrees(route.joints[-1][4]) == pytest.approx(5.0)
 
 
-def test_a_straight_wrist_is_left_sideways_by_a_quarter_turn() -> None:
+def test_leaving_straight_wrist_sideways_turns_90_degrees() -> None:
     arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
     route = line(area, degrees(0, 10, 20, 0, 0, 0), degrees(0, 10, 20, 90, 25, -90), arm)
     assert abs(math.degrees(route.joints[-1][3])) == pytest.approx(90.0)
@@ -284,7 +287,7 @@ def test_a_straight_wrist_is_left_sideways_by_a_quarter_turn() -> None:
     st.tuples(st.floats(-60, 60), st.floats(0, 30), st.floats(0, 40), st.floats(20, 80), st.floats(-90, 90)),
     st.floats(0.05, 8.0),
 )
-def test_no_joint_of_the_set_point_outruns_its_speed(angles: tuple[float, ...], speed: float) -> None:
+def test_set_point_joints_keep_speed_limits(angles: tuple[float, ...], speed: float) -> None:
     a, b, c, e, f = angles
     area, arm = WorkArea(S3Profile(), TOOL), Arm(S3Profile(), TOOL)
     joints = area.joints(START, DOWN)
@@ -293,13 +296,13 @@ def test_no_joint_of_the_set_point_outruns_its_speed(angles: tuple[float, ...], 
     servo = ServoProfile(interpolation_ms=10.0, transport_delay_ms=0.0, reorientation_deg_s=1000.0)
     motion = WaypointArm(servo, Pose(START, DOWN), T0, joints)
     motion.enqueue(Waypoint(position, quaternion, speed, route), T0)
-    seen = np.degrees([motion.joints(now) for now in (T0 + 0.01 * np.arange(1, 400) + 0.001).tolist()])
-    assert (np.abs(np.diff(seen, axis=0)) <= np.array(SPEEDS) * 0.01 * (1.0 + 1e-6)).all()
+    observed = np.degrees([motion.joints(now) for now in (T0 + 0.01 * np.arange(1, 400) + 0.001).tolist()])
+    assert (np.abs(np.diff(observed, axis=0)) <= np.array(SPEEDS) * 0.01 * (1.0 + 1e-6)).all()
     assert motion.waiting(T0 + 60.0) == 0
     assert motion.joints(T0 + 61.0) == pytest.approx(route.joints[-1])
 
 
-def test_true_joints_of_a_far_too_fast_line_keep_their_speeds() -> None:
+def test_true_joints_of_too_fast_line_keep_speed_limits() -> None:
     # A servo that follows the interpolator exactly, so that the true pose tells the joints again.
     servo = ServoProfile(
         interpolation_ms=1.0,
@@ -322,7 +325,7 @@ def test_true_joints_of_a_far_too_fast_line_keep_their_speeds() -> None:
         assert moving.sum() == pytest.approx(sum(route.least_times) / 0.02, abs=1.5)
 
 
-def test_a_slowed_line_takes_the_time_of_its_slowest_joint() -> None:
+def test_slowed_line_takes_time_of_slowest_joint() -> None:
     # Axis 1 alone: a quarter circle's chord, far too fast.
     arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
     begin = degrees(-20, 20, 30, 0, 60, -20)
@@ -333,7 +336,7 @@ def test_a_slowed_line_takes_the_time_of_its_slowest_joint() -> None:
     assert route.slowed(0.31) == ()
 
 
-# --- what a cell tells
+# --- reports of a cell
 
 
 def controller(servo: ServoProfile | None = None) -> S3Controller:
@@ -347,7 +350,7 @@ def true_joints(cell: PaperCell, now: float) -> Joints:
     return a, b, c, d, e, f
 
 
-def test_the_true_joints_hold_the_true_pose() -> None:
+def test_true_joints_hold_true_pose() -> None:
     cell, arm = s3_jr3_cell(PaperCellProfile(), T0, 1), Arm(S3Profile(), TOOL)
     area = WorkArea(S3Profile(), TOOL)
     there = (0.8, 0.3, 0.9)
@@ -363,7 +366,7 @@ def test_the_true_joints_hold_the_true_pose() -> None:
     assert len({true_joints(cell, now)[0] for now in (T0, T0 + 0.4, T0 + 0.9)}) == 3
 
 
-def test_joints_of_the_past_are_those_of_the_past() -> None:
+def test_past_joints_are_kept() -> None:
     robot, area = controller(), WorkArea(S3Profile(), TOOL)
     route = area.route(START, DOWN, area.joints(START, DOWN), (0.9, 0.5, 0.6), DOWN)
     robot.motion.enqueue(Waypoint((0.9, 0.5, 0.6), DOWN, 0.2, route), T0)
@@ -375,7 +378,7 @@ def test_joints_of_the_past_are_those_of_the_past() -> None:
     assert late == robot.joints(T0 + 7200.0) == pytest.approx(route.joints[-1], abs=1e-3)
 
 
-def test_out_of_reach_the_joints_are_those_of_the_set_point() -> None:
+def test_joints_out_of_reach_are_those_of_set_point() -> None:
     robot = controller(ServoProfile(damping_ratio=0.2))
     forward = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
     edge = (0.71 + math.hypot(0.125, 0.85) + REACH - 1e-4, 0.0, 0.78)
@@ -388,14 +391,14 @@ def test_out_of_reach_the_joints_are_those_of_the_set_point() -> None:
     assert all(robot.joints(now) == robot.motion.joints(now) for now in beyond.tolist())
 
 
-def test_points_without_joints_leave_them_as_they_were() -> None:
+def test_points_without_joints_keep_joints() -> None:
     motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0, degrees(1, 2, 3, 4, 5, 6))
     motion.enqueue(Waypoint((0.9, 0.0, 0.6), DOWN, 0.1), T0)
     assert motion.goal(T0) == ((0.9, 0.0, 0.6), DOWN, degrees(1, 2, 3, 4, 5, 6))
     assert motion.joints(T0 + 5.0) == degrees(1, 2, 3, 4, 5, 6)
 
 
-def test_after_a_halt_the_goal_is_where_the_interpolator_stands() -> None:
+def test_goal_after_halt_is_interpolator_position() -> None:
     area = WorkArea(S3Profile(), TOOL)
     joints = area.joints(START, DOWN)
     motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0, joints)

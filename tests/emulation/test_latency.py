@@ -1,4 +1,4 @@
-"""Delays that follow a measured distribution, and the true moments of samples and motions."""
+"""Tests of delays that follow a measured distribution, and of the true times of samples and motions."""
 
 import math
 import random
@@ -49,14 +49,14 @@ def quantiles_of(values: Sequence[float], count: int = 5) -> list[float]:
 # --- the draw
 
 
-def test_draws_have_the_quantiles_that_they_are_drawn_from() -> None:
+def test_draws_match_quantiles() -> None:
     source = random.Random(3)
     drawn = [draw(ODD, source) for _ in range(20_000)]
     assert quantiles_of(drawn) == pytest.approx(ODD, rel=0.02)
 
 
 @pytest.mark.parametrize(("number", "value"), [(0.0, 1.0), (0.25, 1.5), (0.875, 23.5), (1 - 2**-53, 40.0)])
-def test_the_transform_is_straight_between_quantiles(number: float, value: float) -> None:
+def test_draw_interpolates_between_quantiles(number: float, value: float) -> None:
     class Source(random.Random):
         def random(self) -> float:
             return number
@@ -74,9 +74,7 @@ def test_the_transform_is_straight_between_quantiles(number: float, value: float
     ],
 )
 @pytest.mark.parametrize("wrong", [(3.0,), (2.0, 1.0), (-1.0, 1.0)])
-def test_what_is_no_distribution_is_refused_by_name(
-    profile: Any, name: str, wrong: tuple[float, ...]
-) -> None:
+def test_invalid_distribution_is_refused_by_name(profile: Any, name: str, wrong: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match=name):
         profile(**{name: wrong})
 
@@ -93,7 +91,7 @@ STATUS, STOP, START_MOVE = block(19), block(3), block(24, 2, bytes(44))
 
 
 def turnarounds(profile: S3Profile, order: bytes, count: int, seed: int = 1) -> list[float]:
-    """From the end of an order to the bid for its answer, s, of many in a row on a line without time."""
+    """Return times from the end of an order to the ENQ for its answer, s, of many orders on an instantaneous line."""
     robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, seed)
     now, waits = T0 + 1.0, []
     for _ in range(count):
@@ -114,7 +112,7 @@ def turnarounds(profile: S3Profile, order: bytes, count: int, seed: int = 1) -> 
     return waits
 
 
-def test_each_kind_of_order_takes_as_long_as_was_measured_of_it() -> None:
+def test_each_order_kind_has_measured_turnaround() -> None:
     profile = S3Profile(status_turnaround_ms=ODD, move_turnaround_ms=(50.0, 51.0))
     status = np.array(turnarounds(profile, STATUS, 2000)) * 1e3
     moves = np.array(turnarounds(profile, START_MOVE, 50)) * 1e3
@@ -126,7 +124,7 @@ def test_each_kind_of_order_takes_as_long_as_was_measured_of_it() -> None:
     assert others.max() <= 16.0 + 1e-6
 
 
-def test_the_seed_decides_and_no_distribution_means_as_before() -> None:
+def test_turnaround_follows_seed_or_default() -> None:
     profile = S3Profile(status_turnaround_ms=ODD)
     assert turnarounds(profile, STATUS, 20, seed=5) == turnarounds(profile, STATUS, 20, seed=5)
     assert turnarounds(profile, STATUS, 20, seed=5) != turnarounds(profile, STATUS, 20, seed=6)
@@ -139,7 +137,7 @@ def test_the_seed_decides_and_no_distribution_means_as_before() -> None:
 
 
 def sensor() -> Jr3Sensor:
-    """Fx grows evenly from T0 on, so that a sample tells when it was measured."""
+    """Return a sensor whose fx grows linearly from T0 on, so that a sample shows when it was measured."""
 
     def ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
         wrench = np.zeros((len(times), 6))
@@ -152,20 +150,20 @@ def sensor() -> Jr3Sensor:
 def can_frames(
     profile: GatewayProfile, seconds: float, seed: int = 1
 ) -> tuple[Gateway, list[tuple[float, int, int]]]:
-    """Time, counts of fx and counter of each force frame of an unfiltered 10 ms stream."""
+    """Return time, counts of fx and counter of each force frame of an unfiltered 10 ms stream."""
     gateway = Gateway(profile, sensor(), T0, seed)
     now = T0 + 2.5
     gateway.endpoint.handle_deadline(now)
     gateway.endpoint.receive([CanFrame(0x201, bytes.fromhex("000010270000"))], now)
-    told = []
+    reported = []
     while (due := gateway.endpoint.next_deadline()) is not None and due < now + seconds:
         gateway.endpoint.handle_deadline(due)
-        told += [
+        reported += [
             (due, *struct.unpack("<h4xH", frame.data))
             for frame in gateway.endpoint.data_to_send(due)
             if frame.identifier == FORCES_ID
         ]
-    return gateway, told
+    return gateway, reported
 
 
 def uart_frames(
@@ -177,17 +175,17 @@ def uart_frames(
     gateway.endpoint.data_to_send(now)
     gateway.endpoint.receive(bytes.fromhex("3C30320000102700003E"), now)
     gateway.endpoint.data_to_send(now)
-    told = []
+    reported = []
     while (due := gateway.endpoint.next_deadline()) is not None and due < now + seconds:
         gateway.endpoint.handle_deadline(due)
         data = gateway.endpoint.data_to_send(due)
         if len(data) == 18:
-            told.append((due, *struct.unpack("<h10xH", data[3:17])))
-    return gateway, told
+            reported.append((due, *struct.unpack("<h10xH", data[3:17])))
+    return gateway, reported
 
 
 @pytest.mark.parametrize("frames", [can_frames, uart_frames])
-def test_a_frame_is_as_late_as_drawn_and_its_sample_as_old(frames: Any) -> None:
+def test_frame_delay_matches_draw(frames: Any) -> None:
     profile = GatewayProfile if frames is can_frames else UartGatewayProfile
     _, prompt = frames(profile(), 1.0)
     _, late = frames(profile(delay_ms=(1.0, 5.0, 9.0)), 1.0)
@@ -203,33 +201,33 @@ def test_a_frame_is_as_late_as_drawn_and_its_sample_as_old(frames: Any) -> None:
 
 
 @pytest.mark.parametrize("frames", [can_frames, uart_frames])
-def test_the_truth_tells_when_a_sample_was_measured(frames: Any) -> None:
-    gateway, told = frames(GatewayProfile() if frames is can_frames else UartGatewayProfile(), 0.5)
-    assert len(told) > 40
-    for sent_at, counts, counter in told[1:]:
+def test_sampled_at_is_time_of_measurement(frames: Any) -> None:
+    gateway, reported = frames(GatewayProfile() if frames is can_frames else UartGatewayProfile(), 0.5)
+    assert len(reported) > 40
+    for sent_at, counts, counter in reported[1:]:
         sampled_at = gateway.sampled_at(counter)
         assert sampled_at is not None
         assert sampled_at <= sent_at < sampled_at + 300e-6
         assert (sampled_at - T0) % 0.3 * COUNTS_PER_S == pytest.approx(counts, abs=2.0)
 
 
-def test_no_sample_no_truth() -> None:
+def test_sampled_at_is_none_without_sample() -> None:
     gateway = Gateway(GatewayProfile(), sensor(), T0)
     assert gateway.sampled_at(5) is None
-    gateway, told = can_frames(GatewayProfile(), 0.1)
-    assert gateway.sampled_at(told[-1][2] + 1000) is None, "that many were not taken yet"
+    gateway, reported = can_frames(GatewayProfile(), 0.1)
+    assert gateway.sampled_at(reported[-1][2] + 1000) is None, "that many were not taken yet"
 
 
 def test_frames_never_overtake_each_other() -> None:
-    _, told = can_frames(GatewayProfile(delay_ms=(0.0, 0.0, 80.0)), 2.0)
-    counters = [counter for _, _, counter in told]
+    _, reported = can_frames(GatewayProfile(delay_ms=(0.0, 0.0, 80.0)), 2.0)
+    counters = [counter for _, _, counter in reported]
     assert counters == sorted(counters)
 
 
 # --- the begin of a motion
 
 
-def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
+def test_motion_begins_with_first_set_point_of_loops() -> None:
     motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     motion.enqueue(Waypoint((0.91, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.enqueue(Waypoint((0.91, -0.1, 0.59), DOWN, 0.1), T0 + 0.006)
@@ -249,7 +247,7 @@ def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
     assert positions[3, 2] < 0.6
 
 
-def test_what_is_forgotten_never_begins_and_the_next_one_does() -> None:
+def test_dropped_target_never_begins() -> None:
     motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     for x in (0.95, 0.96):
         motion.enqueue(Waypoint((x, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
@@ -264,7 +262,7 @@ def test_what_is_forgotten_never_begins_and_the_next_one_does() -> None:
     assert motion.path.begun_at(4) is None
 
 
-def test_begins_are_kept_for_a_while_only() -> None:
+def test_number_of_kept_motion_starts_is_limited() -> None:
     motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     for k in range(300):
         motion.enqueue(Waypoint((0.9 + 1e-3 * (k % 2), -0.1, 0.6), DOWN, 10.0), T0 + 0.02 * k)
@@ -278,8 +276,8 @@ def test_begins_are_kept_for_a_while_only() -> None:
 # --- the truth of many moments
 
 
-def lowered(kind: MaterialKind) -> PaperCell:
-    """A cell whose tool goes 2 mm down into the surface and then along it."""
+def lowered_cell(kind: MaterialKind) -> PaperCell:
+    """Return a cell whose tool moves 2 mm down into the surface and then along it."""
     surface = SurfaceProfile(material=MaterialProfile(kind))
     cell = s3_jr3_cell(PaperCellProfile(surface=surface), T0, seed=1)
     for position in ((0.9, -0.1, 0.588), (0.9, -0.05, 0.588)):
@@ -288,10 +286,10 @@ def lowered(kind: MaterialKind) -> PaperCell:
 
 
 @pytest.mark.parametrize("kind", [MaterialKind.LINEAR, MaterialKind.STANDARD_LINEAR_SOLID])
-def test_many_truths_at_once_are_those_of_each(kind: MaterialKind) -> None:
+def test_true_states_match_single_states(kind: MaterialKind) -> None:
     times = [T0 + 0.05 + 0.17 * k for k in range(8)]
-    cell = lowered(kind)
-    single = [lowered(kind).true_state(time) for time in times]
+    cell = lowered_cell(kind)
+    single = [lowered_cell(kind).true_state(time) for time in times]
     together = cell.true_states(times)
     for one, other in zip(single, together, strict=True):
         assert one.position == pytest.approx(other.position, abs=1e-12)
@@ -301,10 +299,10 @@ def test_many_truths_at_once_are_those_of_each(kind: MaterialKind) -> None:
             assert one.contact_force == pytest.approx(other.contact_force, abs=1e-9)
 
 
-def test_a_material_that_remembers_tells_from_its_newest_sample_on() -> None:
-    assert not lowered(MaterialKind.LINEAR).has_memory
-    assert lowered(MaterialKind.LINEAR).truth_available_from(T0 + 0.5) == T0 + 0.5
-    cell = lowered(MaterialKind.STANDARD_LINEAR_SOLID)
+def test_material_with_memory_limits_available_truth() -> None:
+    assert not lowered_cell(MaterialKind.LINEAR).has_memory
+    assert lowered_cell(MaterialKind.LINEAR).truth_available_from(T0 + 0.5) == T0 + 0.5
+    cell = lowered_cell(MaterialKind.STANDARD_LINEAR_SOLID)
     assert cell.has_memory
     cell.wrench(np.arange(T0, T0 + 0.5, 1 / 8000))
     assert cell.truth_available_from(T0 + 0.3) == pytest.approx(T0 + 0.5, abs=2e-4)

@@ -1,4 +1,4 @@
-"""Parts of every emulated sensor: its converter, faults of its signal, its own faults, a bad wire of datagrams."""
+"""Tests of parts common to all emulated sensors: converter, signal faults, own faults, a faulty datagram wire."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ RATE = 100.0
 
 
 def measured(noise: float = 0.0, end: float = 1e6, seed: int = 7) -> tuple[MeasuredWrench, KnownWrench]:
-    """A sensor of 10 counts for each N and N·m whose load rises by 1 N a second on fx, and less on the others."""
+    """Return a sensor with 10 counts per N and N·m whose load rises by 1 N/s on fx, and less on the others."""
     source = KnownWrench(lambda times: np.outer(times, [1.0, 0.9, 0.8, 0.7, 0.6, 0.5]))
     converter = Converter(np.eye(6) * 10.0, np.full(6, noise), np.full(6, -end), np.full(6, end), offset=3.0)
     return MeasuredWrench(source, RATE, converter, seed, "" if noise else "its noise"), source
@@ -32,7 +32,7 @@ def signal_book(sensor: MeasuredWrench) -> Ledger:
     return book
 
 
-def test_outputs_are_whole_numbers_with_an_offset_and_ends() -> None:
+def test_outputs_are_integers_with_offset_and_limits() -> None:
     sensor, _ = measured(end=20.0)
     outputs = sensor.outputs(0, 300)
     assert outputs[:, 0].tolist() == [min(round(k / 10 + 3.0), 20) for k in range(301)]
@@ -42,7 +42,7 @@ def test_outputs_are_whole_numbers_with_an_offset_and_ends() -> None:
     assert (sensor.number_at(1.0), sensor.first_after(1.0), sensor.number_at(0.999)) == (100, 101, 99)
 
 
-def test_a_sample_made_again_forgets_that_it_was_at_an_end() -> None:
+def test_recomputed_sample_is_no_longer_clipped() -> None:
     load = [1.0]
     source = KnownWrench(
         lambda times: np.full((len(times), 6), load[0]), predicted_until=lambda now: now + 1.0
@@ -58,19 +58,19 @@ def test_a_sample_made_again_forgets_that_it_was_at_an_end() -> None:
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=12), st.sampled_from(sorted(SIGNAL_FAULTS)))
-def test_a_fault_is_the_same_however_the_samples_are_read(sizes: list[int], fault: str) -> None:
-    (whole, _), (pieces, _) = measured(2.0), measured(2.0)
-    for sensor in (whole, pieces):
+def test_fault_is_independent_of_blocks(sizes: list[int], fault: str) -> None:
+    (complete, _), (pieces, _) = measured(2.0), measured(2.0)
+    for sensor in (complete, pieces):
         signal_book(sensor).inject("signal", fault, 0.5, {})
-    total, found, first = sum(sizes), [], 0
+    total, result, first = sum(sizes), [], 0
     for size in sizes:
-        found.append(pieces.outputs(first, first + size - 1))
+        result.append(pieces.outputs(first, first + size - 1))
         first += size
-    assert np.array_equal(np.concatenate(found), whole.outputs(0, total - 1))
+    assert np.array_equal(np.concatenate(result), complete.outputs(0, total - 1))
 
 
 @pytest.mark.parametrize("fault", sorted(SIGNAL_FAULTS))
-def test_every_fault_of_the_signal_changes_samples_from_its_begin_on_alone(fault: str) -> None:
+def test_signal_fault_changes_samples_from_its_start_only(fault: str) -> None:
     clean, (broken, _) = measured(2.0)[0].outputs(0, 199), measured(2.0)
     how = {"stuck": {}, "replayed": {"for_s": 0.5, "length_s": 0.1}}.get(fault, {"for_s": 0.5})
     injection = signal_book(broken).inject("signal", fault, 1.0, how)
@@ -84,12 +84,12 @@ def test_every_fault_of_the_signal_changes_samples_from_its_begin_on_alone(fault
     assert injection.struck
 
 
-def test_noise_that_is_not_there_cannot_grow() -> None:
+def test_noise_fault_without_noise_is_refused() -> None:
     with pytest.raises(ValueError, match="this sensor has no noise; set its noise"):
         signal_book(measured()[0]).inject("signal", "noise", 0.0, {})
 
 
-def test_own_faults_strike_hold_and_end() -> None:
+def test_own_faults_strike_last_and_end() -> None:
     own, struck, ended = OwnFaults(), list[float](), list[float]()
     book = Ledger(
         {"sensor": {"once": Fault("", {}), "long": Fault("", {}, FOREVER), "short": Fault("", {}, 2.0)}}
@@ -115,7 +115,7 @@ SENT = [bytes([k]) * 20 for k in range(100)]
 
 
 def damaged(fault: str, **parameters: object) -> list[bytes]:
-    """The datagrams of a hundred that come through at once."""
+    """Return the datagrams of a hundred that arrive at once."""
     wire = BadWire(DATAGRAMS, 7)
     book = Ledger({SENSOR_WIRE: DATAGRAMS.faults})
     book.attach(SENSOR_WIRE, wire.handlers)
@@ -151,13 +151,13 @@ def damaged(fault: str, **parameters: object) -> list[bytes]:
         ("deaf", {}, lambda came: came == SENT),
     ],
 )
-def test_a_bad_wire_damages_datagrams(
+def test_wire_faults_damage_datagrams(
     fault: str, parameters: dict[str, object], holds: Callable[[list[bytes]], bool]
 ) -> None:
     assert holds(damaged(fault, **parameters))
 
 
-def test_an_empty_datagram_cannot_be_damaged() -> None:
+def test_empty_datagram_cannot_be_damaged() -> None:
     wire = BadWire(DATAGRAMS, 7)
     book = Ledger({SENSOR_WIRE: DATAGRAMS.faults})
     book.attach(SENSOR_WIRE, wire.handlers)

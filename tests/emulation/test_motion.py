@@ -1,4 +1,4 @@
-"""Interpolator, position loop and dead band, in fed time."""
+"""Tests of interpolator, position loop and dead band, on a simulated clock."""
 
 import math
 
@@ -20,7 +20,7 @@ STEP = 0.000125
 DOWN = (0.0, 1.0, 0.0, 0.0)
 START = (0.9, -0.1, 0.6)
 AT_ONCE = 1000.0
-"""A speed in m/s that reaches any point within one tick."""
+"""Speed in m/s that reaches any point within one tick."""
 
 
 def robot(profile: ServoProfile | None = None) -> WaypointArm:
@@ -31,13 +31,13 @@ def shifted(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, floa
     return START[0] + x, START[1] + y, START[2] + z
 
 
-def test_step_response_is_the_critically_damped_one() -> None:
+def test_step_response_is_critically_damped() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(x=0.005), DOWN, AT_ONCE), T0 + 0.001)
     # Next tick 20 ms after power-up, transport delay 20 ms more.
-    taken = T0 + TICK + 0.02
+    started_at = T0 + TICK + 0.02
     tau = np.linspace(-0.03, 0.1, 400)
-    positions, velocities = motion.path.trajectory(taken + tau)
+    positions, velocities = motion.path.trajectory(started_at + tau)
     after = np.maximum(tau, 0.0)
     expected = START[0] + 0.005 * (1.0 - (1.0 + 40.0 * after) * np.exp(-40.0 * after))
     np.testing.assert_allclose(positions[:, 0], expected, rtol=0, atol=1e-12)
@@ -48,7 +48,7 @@ def test_step_response_is_the_critically_damped_one() -> None:
 
 
 @pytest.mark.parametrize("damping", [0.4, 0.999999, 1.0, 2.5])
-def test_a_line_follows_an_independent_integration_of_the_loop(damping: float) -> None:
+def test_line_matches_independent_integration(damping: float) -> None:
     motion = robot(ServoProfile(damping_ratio=damping))
     motion.enqueue(Waypoint(shifted(z=-0.05), DOWN, 0.1), T0)
     state, times, expected = np.array([START[2], 0.0]), [], []
@@ -73,7 +73,7 @@ def test_a_line_follows_an_independent_integration_of_the_loop(damping: float) -
     np.testing.assert_allclose(velocities[:, 2], reference[:, 1], rtol=0, atol=1e-7)
 
 
-def test_velocity_is_the_derivative_of_position() -> None:
+def test_velocity_is_derivative_of_position() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(0.003, 0.004, -0.002), DOWN, 0.02), T0)
     times = T0 + np.arange(0.0, 1.0, 1e-5)
@@ -84,7 +84,7 @@ def test_velocity_is_the_derivative_of_position() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(1e-4, 0.15), min_size=1, max_size=30))
-def test_the_path_does_not_depend_on_how_often_it_is_asked(gaps: list[float]) -> None:
+def test_path_is_independent_of_reads(gaps: list[float]) -> None:
     once, often = robot(), robot()
     for motion in (once, often):
         motion.enqueue(Waypoint(shifted(x=0.004, z=-0.01), DOWN, 0.013), T0)
@@ -98,13 +98,13 @@ def test_the_path_does_not_depend_on_how_often_it_is_asked(gaps: list[float]) ->
         blocks.append(often.path.trajectory(block) if len(block) else (np.empty((0, 3)), np.empty((0, 3))))
         often.reported(now + gap)
         now += gap
-    seen = np.concatenate([b[0] for b in blocks]), np.concatenate([b[1] for b in blocks])
-    count = len(seen[0])
-    np.testing.assert_allclose(seen[0], expected[0][:count], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(seen[1], expected[1][:count], rtol=0, atol=1e-13)
+    observed = np.concatenate([b[0] for b in blocks]), np.concatenate([b[1] for b in blocks])
+    count = len(observed[0])
+    np.testing.assert_allclose(observed[0], expected[0][:count], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(observed[1], expected[1][:count], rtol=0, atol=1e-13)
 
 
-def test_a_line_is_walked_at_its_speed_without_a_stop_at_points() -> None:
+def test_lines_are_followed_without_stops_at_points() -> None:
     motion = robot()
     for k in range(1, 5):
         motion.enqueue(Waypoint(shifted(y=0.0125 * k), DOWN, 0.05), T0)
@@ -121,7 +121,7 @@ def test_a_line_is_walked_at_its_speed_without_a_stop_at_points() -> None:
 
 
 def rest_after(motion: WaypointArm, steps: int, now: float) -> float:
-    """True z in resolution steps above the start, half a second after a one-point move to `steps`."""
+    """Return the true z in resolution steps above the start, half a second after a one-point move to `steps`."""
     motion.enqueue(Waypoint(shifted(z=steps * STEP), DOWN, AT_ONCE), now)
     positions, _ = motion.path.trajectory(now + 0.5 + np.linspace(0.0, 0.2, 50))
     assert np.ptp(positions[:, 2]) < 1e-9, "a loop inside the dead band must not creep"
@@ -129,7 +129,7 @@ def rest_after(motion: WaypointArm, steps: int, now: float) -> float:
     return float((positions[-1, 2] - START[2]) / STEP)
 
 
-def test_the_loop_does_not_react_inside_the_dead_band() -> None:
+def test_loop_does_not_react_inside_dead_band() -> None:
     motion = robot()
     from_below = rest_after(motion, 1, T0)
     assert 0.5 <= from_below < 0.99
@@ -142,7 +142,7 @@ def test_the_loop_does_not_react_inside_the_dead_band() -> None:
     assert 0.02 < from_above - from_below <= 1.0
 
 
-def test_a_wider_dead_band_reports_with_hysteresis() -> None:
+def test_wider_dead_band_reports_with_hysteresis() -> None:
     motion = robot(ServoProfile(dead_band_steps=0.8))
     motion.enqueue(Waypoint(shifted(z=STEP), DOWN, AT_ONCE), T0)
     times = T0 + np.arange(0.0, 0.5, 0.0005)
@@ -151,7 +151,7 @@ def test_a_wider_dead_band_reports_with_hysteresis() -> None:
     assert heights[changed.index(True)] == pytest.approx(0.8, abs=0.02)
 
 
-def test_a_reported_position_lies_on_the_grid_near_the_truth() -> None:
+def test_reported_position_is_on_grid_near_true_one() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(0.0031, -0.0017, 0.0023), DOWN, 0.01), T0)
     for k in range(80):
@@ -172,7 +172,7 @@ def test_halt_stops_within_delay_and_lag() -> None:
     assert motion.reported(T0 + 1.0)[0] == pytest.approx(START[0] + 0.04, abs=1e-9)
 
 
-def test_orientation_follows_the_line_and_a_turn_takes_its_time() -> None:
+def test_turn_takes_its_time() -> None:
     motion = robot()
     turned = (0.0, math.cos(math.pi / 4), math.sin(math.pi / 4), 0.0)
     motion.enqueue(Waypoint(START, turned, AT_ONCE), T0)
@@ -188,13 +188,13 @@ def test_orientation_follows_the_line_and_a_turn_takes_its_time() -> None:
     assert motion.path.orientations(times[3:]) == [(slice(0, 3), motion.path.orientation(T0 + 1.2))]
 
 
-def test_slerp_takes_the_shorter_arc() -> None:
+def test_slerp_takes_shorter_arc() -> None:
     half = slerp((1.0, 0.0, 0.0, 0.0), (-math.cos(0.5), 0.0, 0.0, -math.sin(0.5)), 0.5)
     assert half == pytest.approx((math.cos(0.25), 0.0, 0.0, math.sin(0.25)))
     assert slerp(DOWN, DOWN, 0.3) == DOWN
 
 
-def test_a_long_rest_changes_nothing() -> None:
+def test_long_pause_has_no_effect() -> None:
     short, long = robot(), robot()
     for motion in (short, long):
         motion.enqueue(Waypoint(shifted(x=0.002), DOWN, 0.01), T0)
@@ -208,7 +208,7 @@ def test_a_long_rest_changes_nothing() -> None:
     assert long.reported(later + 1.0) == pytest.approx(START, abs=1e-12)
 
 
-def test_times_before_the_history_answer_as_its_first_moment() -> None:
+def test_times_before_history_yield_first_state() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(x=0.5), DOWN, 0.02), T0)
     motion.path.advance(T0 + 20.0)
@@ -218,7 +218,7 @@ def test_times_before_the_history_answer_as_its_first_moment() -> None:
     assert positions[3, 0] == pytest.approx(START[0] + 0.02 * 14.93, abs=0.001)
 
 
-def test_what_cannot_be_raises() -> None:
+def test_invalid_waypoints_raise() -> None:
     motion = robot()
     with pytest.raises(ValueError, match="speed"):
         motion.enqueue(Waypoint(START, DOWN, 0.0), T0)
@@ -228,7 +228,7 @@ def test_what_cannot_be_raises() -> None:
         ServoProfile(damping_ratio=0.0)
 
 
-def test_what_is_certain_stays_true_whatever_is_ordered_meanwhile() -> None:
+def test_committed_path_is_final() -> None:
     watched, other = robot(), robot()
     for motion in (watched, other):
         motion.enqueue(Waypoint(shifted(x=0.01), DOWN, 0.05), T0)
@@ -240,41 +240,41 @@ def test_what_is_certain_stays_true_whatever_is_ordered_meanwhile() -> None:
     for motion in (watched, other):
         motion.halt(now)
         motion.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
-    for looked, came in zip(ahead, other.path.trajectory(times), strict=True):
-        np.testing.assert_array_equal(looked, came)
+    for previewed, came in zip(ahead, other.path.trajectory(times), strict=True):
+        np.testing.assert_array_equal(previewed, came)
     # and both continue alike: looking ahead took no point before its time
     later = np.linspace(until, until + 0.5, 100)
     np.testing.assert_array_equal(watched.path.trajectory(later)[0], other.path.trajectory(later)[0])
 
 
-def test_who_looked_ahead_is_told_up_to_when_an_order_leaves_it_true() -> None:
+def test_reader_ahead_is_notified_of_change() -> None:
     watched, other = robot(), robot()
-    told: list[float] = []
-    watched.path.on_change = told.append
+    reported: list[float] = []
+    watched.path.on_change = reported.append
     for motion in (watched, other):
         motion.enqueue(Waypoint(shifted(x=0.01), DOWN, 0.05), T0)
     now = T0 + 0.033
     times = np.arange(now, watched.path.predicted_until(now), 1e-3)
     assert times[-1] > watched.path.committed_until(now) + 0.1
-    seen = watched.path.trajectory(times)[0]
-    assert not told
+    observed = watched.path.trajectory(times)[0]
+    assert not reported
     for motion in (watched, other):
         motion.halt(now)
-    assert told == [watched.path.committed_until(now)]
+    assert reported == [watched.path.committed_until(now)]
     came = other.path.trajectory(times)[0]
-    kept = times < told[0]
-    np.testing.assert_array_equal(seen[kept], came[kept])
-    assert not np.array_equal(seen, came)
+    kept = times < reported[0]
+    np.testing.assert_array_equal(observed[kept], came[kept])
+    assert not np.array_equal(observed, came)
     np.testing.assert_array_equal(watched.path.trajectory(times)[0], came)
     watched.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
-    assert told == [watched.path.committed_until(now)] * 2, (
+    assert reported == [watched.path.committed_until(now)] * 2, (
         "what was computed again is not true any more either"
     )
     watched.freeze(now, now + 1.0)
-    assert len(told) == 2, "no reader has looked ahead since"
+    assert len(reported) == 2, "no reader has looked ahead since"
 
 
-def test_looking_ahead_takes_no_point_before_its_time() -> None:
+def test_prediction_takes_no_point_early() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(x=0.0015), DOWN, 0.05), T0 + 0.001)
     motion.enqueue(Waypoint(shifted(x=0.003), DOWN, 0.05), T0 + 0.001)

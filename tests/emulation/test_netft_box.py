@@ -1,4 +1,4 @@
-"""The emulated Net F/T: its stream, its refusals, its faults, its pages."""
+"""Tests of the emulated Net F/T: its stream, its refusals, its faults, its pages."""
 
 import itertools
 from collections.abc import Callable
@@ -33,32 +33,32 @@ def box(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) -> Ne
 
 
 def ledger(device: NetBox) -> Ledger:
-    found = Ledger(NETFT_FAULTS)
+    result = Ledger(NETFT_FAULTS)
     for target, handlers in device.handlers.items():
-        found.attach(target, handlers)
-    return found
+        result.attach(target, handlers)
+    return result
 
 
 def ask(device: NetBox, command: Command, now: float, count: int = 0) -> None:
     device.endpoint.receive([encode_request(command, count)], now)
 
 
-def told(device: NetBox, until: float) -> list[Record]:
-    """Records up to a time, each sent when it is due."""
-    found = []
+def records_until(device: NetBox, until: float) -> list[Record]:
+    """Return the records up to a time, each sent when it is due."""
+    result = []
     while (due := device.endpoint.next_deadline()) is not None and due <= until:
         device.endpoint.handle_deadline(due)
         for datagram in device.endpoint.data_to_send(due):
-            found += [decode_record(datagram[at : at + 36]) for at in range(0, len(datagram), 36)]
-    return found
+            result += [decode_record(datagram[at : at + 36]) for at in range(0, len(datagram), 36)]
+    return result
 
 
 def streamed(device: NetBox, seconds: float = 0.02, begin: float = T0) -> list[Record]:
     ask(device, Command.START, begin)
-    return told(device, begin + seconds)
+    return records_until(device, begin + seconds)
 
 
-def test_a_stream_counts_its_records_and_its_samples() -> None:
+def test_stream_counts_records_and_samples() -> None:
     records = streamed(box())
     assert len(records) == 20
     assert [record.rdt_sequence for record in records] == list(range(1, 21))
@@ -68,13 +68,13 @@ def test_a_stream_counts_its_records_and_its_samples() -> None:
 
 
 @pytest.mark.parametrize(("rate", "step"), [(7000, 1), (3000, 2), (2000, 3), (1000, 7)])
-def test_a_sample_is_never_told_twice_whatever_the_rate(rate: int, step: int) -> None:
+def test_sample_is_never_sent_twice(rate: int, step: int) -> None:
     records = streamed(box(rate_hz=rate), 0.1)
     assert {b.ft_sequence - a.ft_sequence for a, b in itertools.pairwise(records)} == {step}
     assert len(records) == pytest.approx(700 / step, abs=3)
 
 
-def test_the_truth_knows_when_a_sample_was_taken() -> None:
+def test_sampled_at_is_time_of_measurement() -> None:
     device = box(lambda times: np.outer(times - T0, np.ones(6)))
     record = streamed(device)[-1]
     at = device.sampled_at(record.ft_sequence)
@@ -83,26 +83,26 @@ def test_the_truth_knows_when_a_sample_was_taken() -> None:
     assert device.sampled_at(record.ft_sequence + 100) is None
 
 
-def test_a_finite_request_ends_by_itself() -> None:
+def test_finite_request_ends_by_itself() -> None:
     device = box()
     ask(device, Command.START, T0, count=3)
-    assert len(told(device, T0 + 1.0)) == 3
+    assert len(records_until(device, T0 + 1.0)) == 3
     assert device.endpoint.next_deadline() is None
     ask(device, Command.START, T0 + 1.0, count=1)
-    (record,) = told(device, T0 + 2.0)
+    (record,) = records_until(device, T0 + 2.0)
     assert (record.rdt_sequence, record.ft_sequence) == (1, 7000)
 
 
-def test_a_second_start_begins_to_count_anew_and_a_stop_ends() -> None:
+def test_second_start_resets_counter() -> None:
     device = box()
     streamed(device)
     records = streamed(device, begin=T0 + 0.02)
     assert records[0].rdt_sequence == 1
     ask(device, Command.STOP, T0 + 0.05)
-    assert told(device, T0 + 1.0) == []
+    assert records_until(device, T0 + 1.0) == []
 
 
-def test_buffered_records_come_together() -> None:
+def test_buffered_records_arrive_together() -> None:
     device = box(buffered_records=5)
     ask(device, Command.START_BUFFERED, T0, count=12)
     sizes = []
@@ -112,69 +112,69 @@ def test_buffered_records_come_together() -> None:
     assert sizes == [5, 5, 2]
 
 
-def test_a_bias_makes_the_present_load_zero_and_the_stream_goes_on() -> None:
+def test_bias_zeroes_load_and_keeps_stream() -> None:
     device = box()
     before = streamed(device)[-1]
     ask(device, Command.BIAS, T0 + 0.02)
-    after = told(device, T0 + 0.03)
+    after = records_until(device, T0 + 0.03)
     assert {record.counts for record in after} == {(0,) * 6}
     assert after[0].rdt_sequence == before.rdt_sequence + 1
     assert device.bias.tolist() == pytest.approx(np.array(LOAD) * 1e6)
 
 
-def test_a_bias_between_two_late_records_disturbs_neither() -> None:
+def test_bias_between_late_records_affects_neither() -> None:
     device = box(lambda times: np.outer(times - T0, np.ones(6)))
     ask(device, Command.START, T0)
     device.endpoint.receive([encode_request(Command.BIAS)], T0 + 0.0105)  # nothing was sent for ten periods
     records = [decode_record(datagram) for datagram in device.endpoint.data_to_send(T0 + 0.0105)]
     assert [record.rdt_sequence for record in records] == list(range(1, 12))
     assert records[-1].counts[0] > 0
-    assert told(device, T0 + 0.0115)[0].counts[0] == pytest.approx(1000, abs=500)
+    assert records_until(device, T0 + 0.0115)[0].counts[0] == pytest.approx(1000, abs=500)
 
 
-def test_a_bias_may_end_the_stream() -> None:
+def test_bias_may_end_stream() -> None:
     device = box(bias_stops_stream=True)
     streamed(device)
     ask(device, Command.BIAS, T0 + 0.02)
-    assert told(device, T0 + 1.0) == []
+    assert records_until(device, T0 + 1.0) == []
 
 
 @given(st.lists(st.binary(max_size=20), max_size=10))
-def test_what_is_no_request_gets_no_answer(data: list[bytes]) -> None:
+def test_invalid_request_gets_no_answer(data: list[bytes]) -> None:
     device = box()
     device.endpoint.receive(
         [one for one in data if one[:4] not in (b"\x12\x34\x00\x02", b"\x12\x34\x00\x03")], T0
     )
-    assert told(device, T0 + 0.1) == []
+    assert records_until(device, T0 + 0.1) == []
 
 
-@pytest.mark.parametrize("told_", ["1234000200000000ff", "123480020000000000000000", "1234000400000000"])
-def test_refused_requests_leave_it_silent(told_: str) -> None:
+@pytest.mark.parametrize("datagram", ["1234000200000000ff", "123480020000000000000000", "1234000400000000"])
+def test_refused_requests_get_no_answer(datagram: str) -> None:
     device = box()
-    device.endpoint.receive([bytes.fromhex(told_)], T0)
-    assert told(device, T0 + 0.1) == []
+    device.endpoint.receive([bytes.fromhex(datagram)], T0)
+    assert records_until(device, T0 + 0.1) == []
 
 
-def test_it_hears_nothing_while_it_boots_or_is_switched_off() -> None:
+def test_box_ignores_requests_while_booting_or_off() -> None:
     device = box(boot_s=1.0)
     assert streamed(device) == []
     assert streamed(device, begin=T0 + 1.0)
     assert streamed(box(rdt_enabled=False)) == []
 
 
-def test_the_filter_smooths_a_step_with_its_delay() -> None:
+def test_filter_smooths_step_with_its_delay() -> None:
     def step(times: Floats) -> Floats:
         return np.outer(np.where(times >= T0 + 0.1, 10.0, 0.0), np.ones(6))
 
     device = box(step, filter=4, rate_hz=7000)
     ask(device, Command.START, T0)
-    forces = {record.ft_sequence: record.counts[0] * 1e-6 for record in told(device, T0 + 0.2)}
+    forces = {record.ft_sequence: record.counts[0] * 1e-6 for record in records_until(device, T0 + 0.2)}
     assert forces[690] == 0.0
     assert forces[699 + 14] == pytest.approx(10.0 * (1.0 - np.exp(-1.0)), rel=0.06)  # 2.18 ms
     assert forces[1300] == pytest.approx(10.0, rel=1e-3)
 
 
-def test_noise_belongs_to_the_sample() -> None:
+def test_noise_depends_on_sample_number() -> None:
     one, other = (box(noise_n=0.1) for _ in range(2))
     first, second = streamed(one), streamed(other, begin=T0 + 0.007)
     by_number = {record.ft_sequence: record.counts for record in first}
@@ -194,14 +194,14 @@ def ask_from(side: tuple[str, int], device: NetBox, command: Command, now: float
 
 
 def sides(device: NetBox, until: float) -> list[object]:
-    found: list[object] = []
+    result: list[object] = []
     while (due := device.endpoint.next_deadline()) is not None and due <= until:
         device.endpoint.handle_deadline(due)
-        found += [side_of(datagram) for datagram in device.endpoint.data_to_send(due)]
-    return found
+        result += [side_of(datagram) for datagram in device.endpoint.data_to_send(due)]
+    return result
 
 
-def test_a_start_of_a_stranger_takes_the_stream() -> None:
+def test_start_of_other_client_takes_stream() -> None:
     device = box()
     ask_from(MINE, device, Command.START, T0)
     assert set(sides(device, T0 + 0.02)) == {MINE}
@@ -210,7 +210,7 @@ def test_a_start_of_a_stranger_takes_the_stream() -> None:
     assert set(sides(device, T0 + 0.04)) == {OTHER}
 
 
-def test_a_bias_of_a_stranger_is_taken_and_the_stream_stays() -> None:
+def test_bias_of_other_client_keeps_stream() -> None:
     device = box()
     ask_from(MINE, device, Command.START, T0)
     sides(device, T0 + 0.02)
@@ -221,7 +221,7 @@ def test_a_bias_of_a_stranger_is_taken_and_the_stream_stays() -> None:
 
 
 @pytest.mark.parametrize("may_stop", [True, False])
-def test_a_stop_of_a_stranger_ends_the_stream_or_not(may_stop: bool) -> None:
+def test_stop_of_other_client_may_end_stream(may_stop: bool) -> None:
     device = box(stranger_may_stop=may_stop)
     ask_from(MINE, device, Command.START, T0)
     sides(device, T0 + 0.02)
@@ -236,7 +236,7 @@ def test_a_stop_of_a_stranger_ends_the_stream_or_not(may_stop: bool) -> None:
 # --- saturation and faults
 
 
-def test_a_saturated_gage_is_told_for_some_samples_more() -> None:
+def test_saturation_is_reported_for_some_more_samples() -> None:
     def blow(times: Floats) -> Floats:
         hit = (times >= T0 + 0.010) & (times < T0 + 0.012)
         return np.outer(np.where(hit, 2000.0, 1.0), np.ones(6))
@@ -249,22 +249,22 @@ def test_a_saturated_gage_is_told_for_some_samples_more() -> None:
     assert not bits[-1]
 
 
-def test_an_unplugged_transducer_freezes_the_counts_and_says_so() -> None:
+def test_unplugged_transducer_freezes_counts_with_status() -> None:
     device = box(lambda times: np.outer(times - T0, np.ones(6)))
     streamed(device)
     injection = ledger(device).inject("sensor", "unplugged", T0 + 0.02, {})
-    records = told(device, T0 + 0.03)
+    records = records_until(device, T0 + 0.03)
     assert {record.status for record in records} == {0x88000010}
     assert len({record.counts for record in records}) == 1
     assert injection.struck >= len(records)
 
 
-def test_each_fault_has_its_effect() -> None:
+def test_each_fault_has_effect() -> None:
     def with_fault(target: str, fault: str, **parameters: object) -> list[Record]:
         device = box()
         streamed(device)
         injection = ledger(device).inject(target, fault, T0 + 0.02, parameters)
-        records = told(device, T0 + 0.2)
+        records = records_until(device, T0 + 0.2)
         device.endpoint.data_to_send(T0 + 0.2)
         assert injection.struck or fault in ("wrong", "noise"), fault
         return records
@@ -287,13 +287,13 @@ def test_each_fault_has_its_effect() -> None:
         with_fault("signal", "noise")
 
 
-def test_the_latch_is_reset_and_an_axia_warns_without_the_summary() -> None:
+def test_latch_can_be_reset() -> None:
     device = box(family="axia")
     streamed(device)
     ledger(device).inject("sensor", "threshold", T0 + 0.02, {})
-    assert told(device, T0 + 0.03)[-1].status == 0x00010000
+    assert records_until(device, T0 + 0.03)[-1].status == 0x00010000
     ask(device, Command.RESET_LATCH, T0 + 0.03)
-    assert told(device, T0 + 0.04)[-1].status == 0
+    assert records_until(device, T0 + 0.04)[-1].status == 0
 
 
 @pytest.mark.parametrize(
@@ -307,13 +307,11 @@ def test_the_latch_is_reset_and_an_axia_warns_without_the_summary() -> None:
         ("status", {"bit": 29}, 0xA0000000),
     ],
 )
-def test_axia_faults_set_the_bits_of_its_manual(
-    fault: str, parameters: dict[str, object], status: int
-) -> None:
+def test_axia_faults_set_bits_of_manual(fault: str, parameters: dict[str, object], status: int) -> None:
     device = box(family="axia")
     streamed(device)
     ledger(device).inject("sensor", fault, T0 + 0.02, parameters)
-    assert told(device, T0 + 0.03)[-1].status == status
+    assert records_until(device, T0 + 0.03)[-1].status == status
 
 
 @pytest.mark.parametrize(
@@ -324,12 +322,12 @@ def test_axia_faults_set_the_bits_of_its_manual(
         ((0.0, 0.0, 430.0, 0.0, 0.0, 0.0), 0xC0000000),
     ],
 )
-def test_axia_load_beyond_its_ratings_is_out_of_range(load: tuple[float, ...], status: int) -> None:
+def test_axia_load_beyond_ratings_is_out_of_range(load: tuple[float, ...], status: int) -> None:
     assert streamed(box(steady(load), family="axia"))[-1].status == status
     assert streamed(box(steady(load)))[-1].status == 0
 
 
-def test_axia_samples_at_the_rate_that_is_set() -> None:
+def test_axia_samples_at_set_rate() -> None:
     device = box(family="axia", rate_hz=976)
     page = read_answer(get(device, "/netftapi2.xml")) or b""
     assert b"<runrate>7812</runrate><setrate>7812</setrate>" in page
@@ -340,7 +338,7 @@ def test_axia_samples_at_the_rate_that_is_set() -> None:
     assert device.adc_rate_hz == 7812
     get(device, "/setting.cgi?setadcrate=976", T0 + 0.1)
     assert parse_page(read_answer(get(device, "/netftapi2.xml", T0 + 0.1)) or b"").internal_rate_hz == 976
-    after = told(device, T0 + 0.2)
+    after = records_until(device, T0 + 0.2)
     assert {b.ft_sequence - a.ft_sequence for a, b in itertools.pairwise(after)} == {1}
     assert len(after) == pytest.approx(97, abs=1)
     at = device.sampled_at(after[-1].ft_sequence)
@@ -352,7 +350,7 @@ def test_axia_samples_at_the_rate_that_is_set() -> None:
 
 
 @pytest.mark.parametrize(("persistent", "bias"), [(True, 1e6), (False, 0.0)])
-def test_a_power_cycle_counts_from_0_and_keeps_a_bias_or_not(persistent: bool, bias: float) -> None:
+def test_power_cycle_resets_counter(persistent: bool, bias: float) -> None:
     device = box(boot_s=1.0, bias_persistent=persistent)
     assert streamed(device, begin=T0 + 1.0)
     ask(device, Command.BIAS, T0 + 2.0)
@@ -367,28 +365,28 @@ def test_a_power_cycle_counts_from_0_and_keeps_a_bias_or_not(persistent: bool, b
 
 
 def get(device: NetBox, path: str, now: float = T0) -> bytes:
-    found = answer(encode_get("box", path), device, now)
-    assert found is not None
-    return found
+    result = answer(encode_get("box", path), device, now)
+    assert result is not None
+    return result
 
 
-def test_its_page_tells_what_its_counts_mean() -> None:
-    found = parse_page(read_answer(get(box(rate_hz=2000), "/netftapi2.xml")) or b"")
-    assert found.scales == pytest.approx((1e-6,) * 6)
-    assert found.ratings == pytest.approx((130.0, 130.0, 400.0, 10.0, 10.0, 10.0))
-    assert found.period == pytest.approx(3 / 7000)
+def test_page_describes_counts() -> None:
+    result = parse_page(read_answer(get(box(rate_hz=2000), "/netftapi2.xml")) or b"")
+    assert result.scales == pytest.approx((1e-6,) * 6)
+    assert result.ratings == pytest.approx((130.0, 130.0, 400.0, 10.0, 10.0, 10.0))
+    assert result.period == pytest.approx(3 / 7000)
     assert b"<calsn>" in get(box(), "/netftcalapi.xml?index=0")
     assert get(box(), "/nothing").startswith(b"HTTP/1.1 404")
 
 
-def test_a_wrong_scale_is_told_by_the_page_alone() -> None:
+def test_wrong_scale_changes_page_only() -> None:
     device = box()
     ledger(device).inject("sensor", "wrong-scales", T0, {"factor": 0.5, "of": "forces"})
-    found = parse_page(read_answer(get(device, "/netftapi2.xml")) or b"")
-    assert found.scales == pytest.approx((0.5e-6,) * 3 + (1e-6,) * 3)
+    result = parse_page(read_answer(get(device, "/netftapi2.xml")) or b"")
+    assert result.scales == pytest.approx((0.5e-6,) * 3 + (1e-6,) * 3)
 
 
-def test_its_forms_change_it_and_ignore_what_they_do_not_know() -> None:
+def test_forms_change_settings_and_ignore_unknown_fields() -> None:
     device = box()
     get(device, "/comm.cgi?comrdtrate=7000&comrdtbsiz=8")
     get(device, "/setting.cgi?setuserfilter=3&setbias2=1000000")
@@ -412,13 +410,13 @@ def test_its_forms_change_it_and_ignore_what_they_do_not_know() -> None:
 
 
 @given(st.binary(max_size=60))
-def test_no_request_of_a_browser_raises(data: bytes) -> None:
+def test_arbitrary_http_requests_raise_nothing(data: bytes) -> None:
     device = box()
     for request in (data, data + b"\r\n\r\n", b"GET " + data + b" HTTP/1.1\r\n\r\n"):
         answer(request, device, T0)
 
 
-def test_a_box_that_boots_answers_no_browser() -> None:
+def test_booting_box_answers_no_http_request() -> None:
     device = box(boot_s=1.0)
     page = PageEndpoint(device)
     page.receive(encode_get("box"), T0 + 0.5)
@@ -440,6 +438,6 @@ def test_a_box_that_boots_answers_no_browser() -> None:
         {"rate_hz": 7812},
     ],
 )
-def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
+def test_invalid_settings_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         NetFtProfile(**settings)

@@ -1,4 +1,4 @@
-"""An operator at the panels of the emulated EGM and RSI controllers, and the clients of the wire and of the web."""
+"""Tests of an operator at the panels of the emulated EGM and RSI controllers, with clients of wire and web services."""
 
 import math
 from itertools import pairwise
@@ -37,7 +37,7 @@ def state_of(panel: Panel, name: str, to: object, now: float) -> dict[str, Any]:
 # --- EGM: one state, two doors
 
 
-def test_what_the_panel_does_the_web_services_tell_and_the_other_way_round() -> None:
+def test_panel_and_web_services_agree() -> None:
     served = Served()
     panel = egm_panel(served.controller)
     state_of(panel, "motors", "off", served.now)
@@ -56,7 +56,7 @@ def test_what_the_panel_does_the_web_services_tell_and_the_other_way_round() -> 
     assert panel.show(served.now)["state"]["speed_percent"] == 0
 
 
-def test_in_manual_mode_a_client_of_the_web_reads_and_operates_nothing() -> None:
+def test_manual_mode_makes_web_services_read_only() -> None:
     served = Served()
     panel = egm_panel(served.controller)
     state = state_of(panel, "key", "manual", served.now)
@@ -77,7 +77,7 @@ def test_in_manual_mode_a_client_of_the_web_reads_and_operates_nothing() -> None
     assert served.value(MODE, "opmode") == "AUTO"
 
 
-def test_an_emergency_stop_that_is_released_starts_nothing() -> None:
+def test_releasing_emergency_stop_starts_nothing() -> None:
     line = Line()
     panel = egm_panel(line.robot)
     line.streams(0.5, to(z=-5.0))
@@ -93,14 +93,14 @@ def test_an_emergency_stop_that_is_released_starts_nothing() -> None:
     state_of(panel, "motors", "on", line.now)
     line.streams(0.1, to(z=-50.0))
     assert (line.last.motors, line.last.rapid) == (Motors.ON, Rapid.STOPPED)
-    stood = line.z()
+    start = line.z()
     state_of(panel, "program", "start", line.now)
     line.streams(0.5, to(z=-50.0))
-    assert line.z() < stood, "the guidance continues"
+    assert line.z() < start, "the guidance continues"
 
 
 @pytest.mark.parametrize("mode", ["pose", "joint"])
-def test_in_manual_mode_the_tool_goes_250_mm_s_at_most(mode: str) -> None:
+def test_manual_mode_limits_speed_to_250_mm_s(mode: str) -> None:
     def fastest(key: str) -> float:
         line = Line(mode=mode, max_tcp_mm_s=1000.0, max_speed_dev_deg=120.0, **AT_ONCE)
         panel = egm_panel(line.robot)
@@ -113,7 +113,7 @@ def test_in_manual_mode_the_tool_goes_250_mm_s_at_most(mode: str) -> None:
         joints = line.last.feedback.joints_deg
         far = to(y=300.0) if mode == "pose" else SensorMessage(0, 0, None, (joints[0] + 20.0, *joints[1:]))
         line.streams(0.3, far)
-        places = [planned(message).position_mm for message in line.heard]
+        places = [planned(message).position_mm for message in line.received]
         return max(math.dist(before, after) for before, after in pairwise(places)) / CYCLE
 
     assert fastest("manual") == pytest.approx(250.0, rel=1e-3)
@@ -121,8 +121,8 @@ def test_in_manual_mode_the_tool_goes_250_mm_s_at_most(mode: str) -> None:
     assert fastest("full-speed") == fastest("auto")
 
 
-def test_the_speed_ratio_slows_a_programmed_path_and_no_guidance_by_poses() -> None:
-    def gone(mode: str, percent: int) -> float:
+def test_speed_ratio_slows_programmed_path_only() -> None:
+    def distance_moved(mode: str, percent: int) -> float:
         line = Line(mode=mode, **AT_ONCE)
         state_of(egm_panel(line.robot), "speed", percent, line.now)
         line.streams(1.0, PathCorrection(0, 0, (0.0, 0.0, 0.0), 0) if mode == "path" else to(x=10.0))
@@ -130,16 +130,16 @@ def test_the_speed_ratio_slows_a_programmed_path_and_no_guidance_by_poses() -> N
         assert line.last.planned.pose is not None
         return line.last.planned.pose.position_mm[0] - 900.0
 
-    assert gone("path", 50) == pytest.approx(gone("path", 100) / 2.0)
-    assert gone("path", 0) == 0.0
-    assert gone("pose", 0) == gone("pose", 100) > 5.0
+    assert distance_moved("path", 50) == pytest.approx(distance_moved("path", 100) / 2.0)
+    assert distance_moved("path", 0) == 0.0
+    assert distance_moved("pose", 0) == distance_moved("pose", 100) > 5.0
 
 
 # --- RSI
 
 
 class Kuka:
-    """A controller that is answered with 0.01 mm a cycle, and its panel."""
+    """Controller that receives 0.01 mm per cycle, and its panel."""
 
     def __init__(self, **settings: Any) -> None:
         self.rig = Rig(RsiProfile(**{**QUICK, **settings}))
@@ -150,7 +150,7 @@ class Kuka:
         return state_of(self.panel, name, to, self.rig.now)
 
     def run(self, cycles: int = 20, z: float = -0.01) -> float:
-        """So many answered cycles; by how much the correction grew, mm."""
+        """Run this many answered cycles; return the growth of the correction, mm."""
         before = self.rig.z()
         self.rig.run(cycles, z=z)
         return before - self.rig.z()
@@ -159,18 +159,18 @@ class Kuka:
         return self.rig.sent[-1]
 
 
-def test_a_kuka_comes_back_from_an_emergency_stop_step_by_step() -> None:
+def test_kuka_recovers_from_emergency_stop_step_by_step() -> None:
     kuka = Kuka(send=(*PLAIN, "ProgStatus.R"))
     assert kuka.run() == pytest.approx(0.2)
     kuka.do("emergency-stop")
     assert kuka.run() == 0.0
     assert kuka.last().values["ProgStatus.R"] == "4"
-    for control, position, words in (
+    for control, position, message in (
         ("drives", "on", "an emergency stop is pressed"),
         ("program", "start", "emergency stop"),
         ("program", "reset", "emergency stop"),
     ):
-        with pytest.raises(RsiRefusal, match=f"^{words}$"):
+        with pytest.raises(RsiRefusal, match=f"^{message}$"):
             kuka.do(control, position)
     assert kuka.do("emergency-stop", "release")["hindrance"] == "the drives are off, telegrams continue"
     assert kuka.do("drives", "on")["hindrance"] == "the program is stopped, telegrams continue"
@@ -181,7 +181,7 @@ def test_a_kuka_comes_back_from_an_emergency_stop_step_by_step() -> None:
 
 
 @pytest.mark.parametrize("key", ["t1", "t2", "ext"])
-def test_turning_the_key_switches_the_drives_off(key: str) -> None:
+def test_key_switch_turns_drives_off(key: str) -> None:
     kuka = Kuka()
     state = kuka.do("key", key)
     assert (state["key"], state["drives"], state["started"]) == (key, "off", False)
@@ -190,7 +190,7 @@ def test_turning_the_key_switches_the_drives_off(key: str) -> None:
     assert kuka.do("key", key)["drives"] == "on", "the same position again"
 
 
-def test_in_t1_a_faster_tool_than_250_mm_s_is_a_stop_by_correction() -> None:
+def test_t1_speed_above_250_mm_s_stops_by_correction() -> None:
     for key, error in (("aut", ""), ("t2", ""), ("t1", TOO_FAST)):
         kuka = Kuka(max_step_mm=3.0)
         if key != "aut":
@@ -205,9 +205,9 @@ def test_in_t1_a_faster_tool_than_250_mm_s_is_a_stop_by_correction() -> None:
         assert kuka.rig.robot.error == error, key
 
 
-def test_in_t1_a_person_confirms_the_sensor_correction_at_each_begin() -> None:
+def test_t1_requires_confirmation_at_each_start() -> None:
     kuka = Kuka()
-    with pytest.raises(RsiRefusal, match=r"^no message waits$"):
+    with pytest.raises(RsiRefusal, match=r"^there is no message to confirm$"):
         kuka.do("message")
     kuka.do("key", "t1")
     kuka.do("drives", "on")
@@ -221,7 +221,7 @@ def test_in_t1_a_person_confirms_the_sensor_correction_at_each_begin() -> None:
     assert kuka.panel.show(kuka.rig.now)["state"]["program"] == "MOVECORR"
 
 
-def test_the_override_is_told_and_slows_no_correction() -> None:
+def test_override_is_reported_and_slows_no_correction() -> None:
     kuka = Kuka(send=(*PLAIN, "OvPro.R"))
     assert kuka.last().values["OvPro.R"] == "100"
     kuka.do("override", 0)
@@ -229,7 +229,7 @@ def test_the_override_is_told_and_slows_no_correction() -> None:
     assert kuka.last().values["OvPro.R"] == "0"
 
 
-def test_a_program_that_an_error_has_ended_is_reset_by_a_person_with_drives() -> None:
+def test_program_ended_by_error_requires_operator_reset() -> None:
     kuka = Kuka(restart_s=1.0)
     kuka.run(1, z=-2.0)
     kuka.rig.next()

@@ -1,4 +1,4 @@
-"""The telling of the orders that emulated robots hear, taken or not."""
+"""Tests of the reports of orders that emulated robots receive, accepted or not."""
 
 import math
 from collections.abc import Callable
@@ -29,9 +29,9 @@ T0 = 100.0
 
 def listening(robot: ReportingRobot) -> list[ReceivedOrder]:
     assert isinstance(robot, ReportingRobot)
-    heard: list[ReceivedOrder] = []
-    robot.orders.listener = heard.append
-    return heard
+    received: list[ReceivedOrder] = []
+    robot.orders.listener = received.append
+    return received
 
 
 def place_of(order: ReceivedOrder) -> Vector:
@@ -45,11 +45,11 @@ UR_TARGET = (*(f"input_double_register_{number}" for number in range(11)), "inpu
 
 
 class Ur:
-    """An emulated controller, a connection to its RTDE port with one input recipe, and its script port."""
+    """Emulated controller, a connection to its RTDE port with one input recipe, and its script port."""
 
     def __init__(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
         self.robot = RtdeRobot(RtdeProfile(), START, T0, 7)
-        self.heard = listening(self.robot)
+        self.received = listening(self.robot)
         self.rtde, self.script, self.dashboard = (
             self.door(port) for port in (Port.RTDE, Port.SCRIPT, Port.DASHBOARD)
         )
@@ -68,11 +68,11 @@ class Ur:
         self.rtde.receive(self.recipe.pack(*values), self.now)
         self.robot.controller.advance(self.now + 0.01)  # the program that hears it has its cycles
         self.now += 0.01
-        return self.heard[-1]
+        return self.received[-1]
 
     def upload(self, text: str) -> ReceivedOrder:
         self.script.receive(text.encode(), self.now)
-        order = self.heard[-1]
+        order = self.received[-1]
         self.now += 0.2
         self.robot.controller.advance(self.now)
         return order
@@ -83,9 +83,9 @@ class Ur:
         ledger.inject("robot", fault, self.now, {})
 
 
-def test_servo_poses_of_our_program_are_told_also_behind_a_stop() -> None:
+def test_servo_poses_are_reported_even_after_stop() -> None:
     ur = Ur(INPUT_NAMES, (*("DOUBLE",) * 9, "INT32", "INT32"))
-    assert [order.act for order in ur.heard] == [Act.CONTACT] * 3
+    assert [order.act for order in ur.received] == [Act.CONTACT] * 3
     program = ur.upload(program_text(50, 1.0, 2.0, 0.03) + "\n")
     assert (program.act, program.taken, program.moves) == (Act.PROGRAM, True, False)
     pose = (0.9, -0.1, 0.599, math.pi, 0.0, 0.0)
@@ -99,12 +99,12 @@ def test_servo_poses_of_our_program_are_told_also_behind_a_stop() -> None:
     assert hindrance is not None
     assert not hindrance.by_order
     assert not ur.write(*pose, 0.002, 0.1, 300.0, Command.SERVO, 2).taken
-    count = len(ur.heard)
+    count = len(ur.received)
     ur.write(*pose, 0.002, 0.1, 300.0, Command.IDLE, 2)
-    assert len(ur.heard) == count
+    assert len(ur.received) == count
 
 
-def test_commands_of_ur_rtde_are_told() -> None:
+def test_ur_rtde_commands_are_reported() -> None:
     ur = Ur(UR_TARGET, (*("DOUBLE",) * 11, "INT32"))
     ur.upload(register_program())
     servo = ur.write(0.9, -0.1, 0.599, math.pi, 0.0, 0.0, 0.0, 0.0, 0.002, 0.1, 300.0, 24)
@@ -112,9 +112,9 @@ def test_commands_of_ur_rtde_are_told() -> None:
     assert place_of(servo) == pytest.approx((0.9, -0.1, 0.599))
     speed = ur.write(*(0.0,) * 11, 10)
     assert (speed.words, speed.pose, speed.moves) == ("speedl", None, False)
-    count = len(ur.heard)
+    count = len(ur.received)
     ur.write(*(0.0,) * 11, 16)  # servoStop
-    assert len(ur.heard) == count
+    assert len(ur.received) == count
 
 
 OWN = """def own():
@@ -138,7 +138,7 @@ def own_program() -> Ur:
     return ur
 
 
-def test_the_motions_of_any_program_are_told_also_behind_a_stop() -> None:
+def test_program_motions_are_reported_even_after_stop() -> None:
     ur = own_program()
     servo = ur.write(0.899, 1)
     assert (servo.act, servo.words, servo.taken) == (Act.MOTION, "servoj", True)
@@ -153,27 +153,27 @@ def test_the_motions_of_any_program_are_told_also_behind_a_stop() -> None:
         assert place_of(behind) == pytest.approx((0.898, -0.1, 0.6), abs=1e-6)
 
 
-def test_a_client_that_is_silent_or_idle_behind_a_stop_orders_nothing() -> None:
+def test_silent_or_idle_client_after_stop_orders_nothing() -> None:
     ur = own_program()
     ur.write(0.01, 2)
     ur.inject("protective-stop")
-    count = len(ur.heard)
+    count = len(ur.received)
     ur.robot.controller.advance(ur.now + 1.0)
     ur.now += 1.0
     ur.write(0.01, 0)
     ur.write(0.01, 0)
-    assert len(ur.heard) == count
+    assert len(ur.received) == count
 
 
-def test_a_motion_that_goes_on_is_told_once() -> None:
+def test_continuing_motion_is_reported_once() -> None:
     ur = own_program()
     ur.write(0.01, 2)
-    count = len(ur.heard)
+    count = len(ur.received)
     ur.robot.controller.advance(ur.now + 1.0)
-    assert len(ur.heard) == count
+    assert len(ur.received) == count
 
 
-def test_a_rehearsal_has_no_effect() -> None:
+def test_rehearsal_has_no_effect() -> None:
     ur = Ur(("input_int_register_0",), ("INT32",))
     ur.upload(
         "def own():\n  while read_input_integer_register(0) < 3:\n    sync()\n  end\n"
@@ -198,73 +198,75 @@ def test_a_rehearsal_has_no_effect() -> None:
         controller.force.zeros,
         controller.arm.joints,
     )
-    assert not [saying for saying in controller.console.sayings if saying.text == "behind" or saying.line]
+    assert not [
+        saying for saying in controller.console.program_messages if saying.text == "behind" or saying.line
+    ]
 
 
 READS = {
-    "popup_open", "clock", "flags", "random", "read_register", "read_whole", "read_digital", "read_analog", "output",
+    "popup_open", "clock", "flags", "random", "read_register", "read_integer", "read_digital", "read_analog", "output",
     "joints", "target", "speeds", "target_speeds", "tcp", "payload", "forward", "solve", "damping", "gain_scaling",
     "speed_scaling",
     "steps_since_contact", "joints_before",
 }  # fmt: skip
 
 
-def test_a_rehearsal_takes_each_act_of_a_program_from_the_robot() -> None:
-    """A new act of the host is missed here until the rehearsal leaves it out, or it is found to read alone."""
+def test_rehearsal_prevents_every_robot_action() -> None:
+    """A new action of the host fails here until the rehearsal leaves it out, or it is known to be read-only."""
     public = {name for name in vars(ControllerHost) if not name.startswith("_")}
     assert public - {*vars(DryHost)} == READS
 
 
-def test_moves_of_a_program_that_asks_for_nothing_are_told_as_they_begin() -> None:
+def test_program_moves_are_reported_at_start() -> None:
     ur = Ur(("input_int_register_0",), ("INT32",))
     ur.upload(
         "def mine():\n  movel(pose_add(get_actual_tcp_pose(), p[0, 0, 0.01, 0, 0, 0]), a=1, v=0.1)\nend\n"
     )
-    moves = [order for order in ur.heard if order.act is Act.MOTION]
+    moves = [order for order in ur.received if order.act is Act.MOTION]
     assert [(order.words, order.taken) for order in moves] == [("move along a line", True)]
     assert place_of(moves[0]) == pytest.approx((0.9, -0.1, 0.61), abs=1e-3)
     ur.inject("protective-stop")
     ur.write(1)
-    assert [order for order in ur.heard if order.act is Act.MOTION] == moves
+    assert [order for order in ur.received if order.act is Act.MOTION] == moves
 
 
-def test_a_strange_program_and_a_release_are_told() -> None:
+def test_unknown_program_and_release_are_reported() -> None:
     ur = Ur(("input_int_register_0",), ("INT32",))
     assert ur.upload("def mine():\n  q = [0, 0, 0, 0, 0, 0]\n  movej(q)\nend\n").moves
     ur.inject("protective-stop")
     assert not ur.upload("def mine():\n  q = [0, 0, 0, 0, 0, 0]\n  movej(q)\nend\n").taken
     ur.dashboard.receive(b"unlock protective stop\n", ur.now)
-    assert (ur.heard[-1].act, ur.heard[-1].words) == (Act.RELEASE, "dashboard: unlock protective stop")
+    assert (ur.received[-1].act, ur.received[-1].words) == (Act.RELEASE, "dashboard: unlock protective stop")
     ur.rtde.receive(b"\x00\x05\xff\r\n", ur.now)
-    assert ur.heard[-1].act is Act.UNREADABLE
+    assert ur.received[-1].act is Act.UNREADABLE
 
 
 # --- EGM and RSI
 
 
-def test_egm_tells_poses_speeds_and_what_it_cannot_read() -> None:
+def test_egm_reports_poses_speeds_and_unreadable_data() -> None:
     robot = EgmController(EgmProfile(), START, T0, 7)
-    heard = listening(robot)
+    received = listening(robot)
     robot.handle_deadline(T0 + 0.1)
     place = Pose((0.9, -0.1, 0.59), START.quaternion)
     robot.receive([encode_answer(SensorMessage(1, 5, to_wire(place)))], T0 + 0.1)
     robot.receive([encode_answer(SensorMessage(2, 5, speed=(0.0, 0.0, 3.0)))], T0 + 0.1)
     robot.receive([encode_answer(SensorMessage(3, 5, speed=(0.0, 0.0, 0.0)))], T0 + 0.1)
     robot.receive([b"\xff"], T0 + 0.1)
-    assert [(order.act, order.moves) for order in heard] == [
+    assert [(order.act, order.moves) for order in received] == [
         (Act.MOTION, True), (Act.MOTION, True), (Act.MOTION, False), (Act.UNREADABLE, True)
     ]  # fmt: skip
-    assert place_of(heard[0]) == pytest.approx(place.position)
+    assert place_of(received[0]) == pytest.approx(place.position)
     robot.handle_deadline(T0 + 2.0)  # its time-out
     assert robot.hindrance(T0 + 2.0) is not None
     robot.receive([encode_answer(SensorMessage(9, 5, to_wire(place)))], T0 + 2.0)
-    assert not heard[-1].taken
+    assert not received[-1].taken
 
 
 @pytest.mark.parametrize(("mode", "second"), [("relative", 0.6 - 2e-4), ("absolute", 0.6 - 1e-4)])
-def test_rsi_tells_the_sum_of_what_was_ordered(mode: Literal["relative", "absolute"], second: float) -> None:
+def test_rsi_reports_sum_of_corrections(mode: Literal["relative", "absolute"], second: float) -> None:
     robot = RsiController(RsiProfile(mode=mode), START, T0)
-    heard = listening(robot)
+    received = listening(robot)
     answer: Callable[[float], bytes] = lambda z: encode(  # noqa: E731
         Telegram(SENSOR, RsiProfile().sentype, {"RKorr.X": "0", "RKorr.Y": "0", "RKorr.Z": f"{z}"}, 1)
     )
@@ -272,33 +274,33 @@ def test_rsi_tells_the_sum_of_what_was_ordered(mode: Literal["relative", "absolu
     ledger.attach("robot", robot.handlers["robot"])
     ledger.inject("robot", "emergency-stop", T0, {})
     robot.receive([answer(-0.1), answer(-0.1), b"<Sen"], T0)
-    assert [order.act for order in heard] == [Act.MOTION, Act.MOTION, Act.UNREADABLE]
-    assert place_of(heard[1]) == pytest.approx((0.9, -0.1, second))
-    assert not heard[1].taken
+    assert [order.act for order in received] == [Act.MOTION, Act.MOTION, Act.UNREADABLE]
+    assert place_of(received[1]) == pytest.approx((0.9, -0.1, second))
+    assert not received[1].taken
     hindrance = robot.hindrance(T0)
     assert hindrance is not None
     assert not hindrance.by_order
 
 
-def test_what_an_emulated_controller_does_not_have_is_told_as_refused() -> None:
+def test_unsupported_orders_are_reported_as_refused() -> None:
     ur = Ur(("input_int_register_0",), ("INT32",))
     ur.rtde.receive(inputs_request(("input_of_tomorrow",)), T0)
-    assert (ur.heard[-1].act, ur.heard[-1].words) == (Act.REFUSED, "variable input_of_tomorrow")
+    assert (ur.received[-1].act, ur.received[-1].words) == (Act.REFUSED, "variable input_of_tomorrow")
     ur.upload("def mine():\n  rg_grip(1)\nend\n")
     assert (Act.REFUSED, "URScript rg_grip(), which is not known here") in [
-        (o.act, o.words) for o in ur.heard
+        (o.act, o.words) for o in ur.received
     ]
     ur.upload("def mine(:\n")
     ur.upload("end\n")
-    assert ur.heard[-1].act is Act.UNREADABLE
+    assert ur.received[-1].act is Act.UNREADABLE
     robot = EgmController(EgmProfile(), START, T0, 7)
-    heard = listening(robot)
+    received = listening(robot)
     robot.receive([encode_answer(SensorMessage(1, 5, joints_deg=(0.0,) * 6))], T0)
-    assert (heard[0].act, heard[0].words) == (
+    assert (received[0].act, received[0].words) == (
         Act.REFUSED,
-        "joints, and EGM runs in mode pose, see cell.egm.mode",
+        "joints, but EGM runs in mode pose, see cell.egm.mode",
     )
     rsi = RsiController(RsiProfile(), START, T0)
-    heard = listening(rsi)
+    received = listening(rsi)
     rsi.receive([encode(Telegram(SENSOR, "ImFree", {"EKorr.E1": "0.1"}, 1))], T0)
-    assert (heard[0].act, heard[0].words.partition(",")[0]) == (Act.REFUSED, "tag EKorr.E1")
+    assert (received[0].act, received[0].words.partition(",")[0]) == (Act.REFUSED, "tag EKorr.E1")

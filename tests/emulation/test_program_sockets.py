@@ -1,6 +1,7 @@
-"""Connections that a program opens: its end of them in virtual time, with the faults of their wire.
+"""Tests of connections that a program opens: its end of them in virtual time, with the faults of their wire.
 
-The program is ours: as external control does, it connects outwards and servos to what it is sent each cycle.
+The program is ours: like external control, it connects to a server and follows the servo targets it receives each
+cycle.
 """
 
 import struct
@@ -45,10 +46,10 @@ MOVED = "movel(pose_add(get_actual_tcp_pose(), p[0, 0.2, 0, 0, 0, 0]), a=0.5, v=
 
 
 class Ear:
-    """A server outside, the controller with a program that has come to it, and the time."""
+    """External server, the controller with a program connected to it, and the time."""
 
     def __init__(self, text: str, opens_after: int = 0) -> None:
-        """The server takes a connection after some cycles."""
+        """The server accepts a connection after some cycles."""
         self.now = T0
         profile = exact_profile(start_delay_ms=0.0)
         self.robot = RtdeRobot(profile, START, T0, 7)
@@ -57,14 +58,14 @@ class Ear:
         for target, handlers in self.robot.handlers.items():
             self.ledger.attach(target, handlers)
         self.ends: list[tuple[Server, ProgramSocket]] = []
-        self.asked: list[tuple[str, int]] = []
-        self.heard = b""
+        self.requests: list[tuple[str, int]] = []
+        self.received = b""
         self._opens_after = opens_after
         self.controller.console.open_socket = self._open
         self._text = text
 
     def _open(self, host: str, port: int) -> ProgramSocket:
-        self.asked.append((host, port))
+        self.requests.append((host, port))
         self.ends.append(self.robot.connect_program(self.now))
         return self.ends[-1][1]
 
@@ -80,7 +81,7 @@ class Ear:
             self.ledger.handle_deadline(self.now)
             for server, inner in self.ends:
                 server.handle_deadline(self.now)
-                self.heard += server.data_to_send(self.now)
+                self.received += server.data_to_send(self.now)
                 if inner.opening and self._opens_after <= 0:
                     inner.opened()
             self.controller.advance(self.now)
@@ -91,14 +92,14 @@ class Ear:
         self.ends[-1][0].receive(data, self.now)
 
     def stream(self, cycles: int, joint: float, timeout_ms: int = 20, mode: int = 1) -> "Ear":
-        """A message in each cycle."""
+        """Send a message in each cycle."""
         for _ in range(cycles):
             self.send(message(joint, timeout_ms, mode))
             self.run(1)
         return self
 
-    def said(self, kind: Message = Message.TEXT) -> list[str]:
-        return [str(each) for each in self.controller.console.sayings if each.message == kind]
+    def messages(self, kind: Message = Message.TEXT) -> list[str]:
+        return [str(each) for each in self.controller.console.program_messages if each.message == kind]
 
     def inject(self, name: str, on: str = "program-wire", **how: Any) -> None:
         self.ledger.inject(on, name, self.now, how)
@@ -114,9 +115,9 @@ def message(joint: float, timeout_ms: int = 20, mode: int = 1) -> bytes:
 
 @pytest.fixture
 def ear() -> Ear:
-    """A program that servos to what it is sent, with its first target."""
+    """Return a server with a program that follows its targets, with the first target."""
     ear = Ear(STREAMED).play().run(3)
-    assert ear.asked == [("127.0.0.1", 50001)]
+    assert ear.requests == [("127.0.0.1", 50001)]
     return ear
 
 
@@ -124,7 +125,7 @@ def base(ear: Ear) -> float:
     return ear.controller.arm.joints[0]
 
 
-def test_a_program_servos_to_what_a_server_sends_it(ear: Ear) -> None:
+def test_program_servos_to_targets_of_server(ear: Ear) -> None:
     start = base(ear)
     ear.run(500)
     assert ear.plays, "the first read waits for ever"
@@ -134,20 +135,20 @@ def test_a_program_servos_to_what_a_server_sends_it(ear: Ear) -> None:
     assert base(ear) == pytest.approx(start + 0.01, abs=1e-5)
     ear.stream(1, start, mode=-2)
     ear.run(5)
-    assert ear.said() == ["ended with 8"]
+    assert ear.messages() == ["ended with 8"]
     assert ear.ends[0][0].closing, "the connection ends with the program"
 
 
-def test_without_a_message_in_its_time_the_program_stops_the_arm(ear: Ear) -> None:
+def test_missing_message_stops_arm(ear: Ear) -> None:
     ear.stream(10, base(ear), timeout_ms=20)
     ear.run(9)
     assert ear.plays
     ear.run(20)
-    assert ear.said() == ["ended with 0"]
+    assert ear.messages() == ["ended with 0"]
     assert ear.controller.manipulator.still
 
 
-def test_a_message_comes_in_the_order_of_the_wire_in_whatever_pieces(ear: Ear) -> None:
+def test_fragmented_messages_keep_their_order(ear: Ear) -> None:
     start = base(ear)
     data = message(start, 20) + message(start, -2, -2)
     for byte in data[:-1]:
@@ -156,41 +157,41 @@ def test_a_message_comes_in_the_order_of_the_wire_in_whatever_pieces(ear: Ear) -
     assert ear.plays
     ear.send(data[-1:])
     ear.run(3)
-    assert ear.said() == ["ended with 8"]
+    assert ear.messages() == ["ended with 8"]
 
 
-def test_a_server_that_leaves_ends_a_read_at_once(ear: Ear) -> None:
+def test_server_disconnect_ends_read_at_once(ear: Ear) -> None:
     ear.stream(3, base(ear), timeout_ms=0)
     ear.run(100)
     assert ear.plays
     ear.ends[0][0].close(ear.now)
     ear.run(3)
-    assert ear.said() == ["ended with 0"]
+    assert ear.messages() == ["ended with 0"]
 
 
-def test_what_came_before_the_server_left_is_read(ear: Ear) -> None:
+def test_data_before_disconnect_is_read(ear: Ear) -> None:
     ear.send(message(base(ear), 0))
     ear.send(message(base(ear), 0, -2))
     ear.ends[0][0].close(ear.now)
     ear.run(6)
-    assert ear.said() == ["ended with 8"]
+    assert ear.messages() == ["ended with 8"]
 
 
-def test_a_server_that_does_not_answer_is_given_up_after_two_seconds() -> None:
+def test_unresponsive_server_times_out_after_2_s() -> None:
     ear = Ear(STREAMED, opens_after=10_000).play()
     ear.run(990)
     assert ear.plays
     ear.run(20)
-    assert ear.said() == ["no server"]
+    assert ear.messages() == ["no server"]
     assert ear.ends[0][0].closing
 
 
-def test_a_stopped_program_leaves_no_connection(ear: Ear) -> None:
+def test_stopped_program_closes_connections(ear: Ear) -> None:
     ear.controller.player.stop(ear.controller.now)
     assert ear.ends[0][0].closing
 
 
-def test_a_server_that_sends_without_end_fills_no_memory(ear: Ear) -> None:
+def test_endless_server_data_does_not_exhaust_memory(ear: Ear) -> None:
     ear.stream(1, base(ear), timeout_ms=0)
     ear.inject("program-paused", on="robot")
     ear.run(2)
@@ -200,22 +201,22 @@ def test_a_server_that_sends_without_end_fills_no_memory(ear: Ear) -> None:
     assert ear.controller.counts["sockets of programs closed, too much unread"] == 1
 
 
-def test_a_server_that_sends_more_than_is_read_is_held_back_until_it_is(ear: Ear) -> None:
+def test_unread_data_holds_server_back(ear: Ear) -> None:
     start = base(ear)
-    held: list[bool] = []
-    ear.ends[0][1].hold = held.append
+    states: list[bool] = []
+    ear.ends[0][1].hold = states.append
     count = ENOUGH // 32 + 10
     ear.send(message(start) * (count - 1) + message(start, mode=-2))
-    assert held == [True]
+    assert states == [True]
     ear.run(5)
-    assert held == [True]
+    assert states == [True]
     ear.run(10)
-    assert held == [True, False]
+    assert states == [True, False]
     ear.run(count)
-    assert ear.said() == ["ended with 8"], "no message was lost"
+    assert ear.messages() == ["ended with 8"], "no message was lost"
 
 
-def test_a_thread_reads_so_often_in_a_cycle_and_not_without_an_end() -> None:
+def test_number_of_reads_per_cycle_is_limited() -> None:
     text = (
         'def reader():\n  socket_open("127.0.0.1", 50001, "pc")\n  n = 0\n  while True:\n'
         '    socket_read_binary_integer(1, "pc", 0)\n    n = n + 1\n'
@@ -233,31 +234,31 @@ def test_a_thread_reads_so_often_in_a_cycle_and_not_without_an_end() -> None:
 # --- faults
 
 
-def test_late_messages_stop_a_program_that_waits_less_for_them(ear: Ear) -> None:
+def test_late_messages_stop_program_with_shorter_timeout(ear: Ear) -> None:
     ear.stream(10, base(ear), timeout_ms=20)
     ear.inject("late", ms=15.0)
     ear.stream(40, base(ear), timeout_ms=20)
     assert ear.plays
     ear.inject("late", ms=30.0)
     ear.stream(40, base(ear), timeout_ms=20)
-    assert ear.said() == ["ended with 0"]
+    assert ear.messages() == ["ended with 0"]
 
 
 @pytest.mark.parametrize("fault", ["off", "deaf"])
 @pytest.mark.parametrize("target", ["program-wire", "wire"])
-def test_a_cut_wire_stops_the_program(ear: Ear, fault: str, target: str) -> None:
+def test_cut_wire_stops_program(ear: Ear, fault: str, target: str) -> None:
     ear.stream(10, base(ear), timeout_ms=20)
     ear.inject(fault, on=target)
     ear.stream(20, base(ear), timeout_ms=20)
-    assert ear.said() == ["ended with 0"]
+    assert ear.messages() == ["ended with 0"]
     assert ear.controller.manipulator.still
 
 
-def test_a_connection_that_is_closed_ends_a_read_at_once_and_another_can_be_opened(ear: Ear) -> None:
+def test_closed_connection_ends_read_and_can_reopen(ear: Ear) -> None:
     ear.stream(10, base(ear), timeout_ms=0)
     ear.inject("dropped")
     ear.run(2)
-    assert ear.said() == ["ended with 0"]
+    assert ear.messages() == ["ended with 0"]
     assert ear.ledger.injections[0].struck == 1
     ear.run(200)
     assert ear.controller.manipulator.still
@@ -265,16 +266,16 @@ def test_a_connection_that_is_closed_ends_a_read_at_once_and_another_can_be_open
     assert ear.plays
 
 
-def test_a_fault_in_mid_motion_leaves_the_arm_standing_where_it_was() -> None:
-    """The move continues from there, along its line, once the program is played again."""
+def test_fault_during_motion_stops_arm_in_place() -> None:
+    """The move continues from there, along its line, when the program is played again."""
     for fault in ("protective-stop", "program-paused", "program-stopped"):
         ear = Ear(MOVED).play().run(300)
         ear.inject(fault, on="robot")
         ear.run(200)
-        stood = ear.controller.arm.joints
+        stopped_at = ear.controller.arm.joints
         ear.run(300)
         assert ear.controller.manipulator.still
-        assert ear.controller.arm.joints == stood
+        assert ear.controller.arm.joints == stopped_at
         ear.run(2000)
         ear.controller.state.unlock(ear.controller.now)
         ear.controller.play()
@@ -285,8 +286,8 @@ def test_a_fault_in_mid_motion_leaves_the_arm_standing_where_it_was() -> None:
         assert went_on is (fault != "program-stopped")
 
 
-def test_half_a_message_shifts_all_behind_it(ear: Ear) -> None:
-    """The first half of one, and of the next one its first half: the target is no place, and the arm stops."""
+def test_half_message_shifts_all_following_data(ear: Ear) -> None:
+    """The first half of one message, and of the next one its first half: the target is invalid, and the arm stops."""
     ear.stream(10, base(ear), timeout_ms=20)
     ear.inject("malformed", count=1)
     ear.stream(2, base(ear), timeout_ms=20, mode=1)
@@ -295,7 +296,7 @@ def test_half_a_message_shifts_all_behind_it(ear: Ear) -> None:
     assert ear.ledger.injections[0].struck == 1
 
 
-def test_a_fault_of_the_connections_of_programs_leaves_the_others_alone() -> None:
+def test_program_wire_fault_affects_program_connections_only() -> None:
     ear = Ear(STREAMED).play().run(3)
     dashboard = ear.robot.connect(Port.DASHBOARD, ear.now)
     assert dashboard is not None

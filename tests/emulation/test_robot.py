@@ -1,7 +1,7 @@
-"""The emulated S3 at its wire: raw bytes in, raw bytes out, in fed time.
+"""Tests of the emulated S3 at its wire: raw bytes in, raw bytes out, on a simulated clock.
 
-Blocks marked golden come from the specification of the computer link, section 4. The other ones are built here by hand
-from its section 3, not by the project's codec.
+Blocks marked golden come from the specification of the computer link, section 4. The others are built here by hand from
+its section 3, not by the project's codec.
 """
 
 import math
@@ -56,7 +56,7 @@ def move(
 
 
 class Pendant:
-    """A host that follows the exchange byte by byte, without time on the line."""
+    """Host that follows the exchange byte by byte, without line time."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class Pendant:
         assert self.put(EOT) == b""
 
     def run(self, seconds: float) -> bytes:
-        """Let time pass deadline by deadline until the robot says something or the time is over."""
+        """Let time pass deadline by deadline until the robot sends something or the time is over."""
         end = self.now + seconds
         while (due := self.robot.next_deadline()) is not None and due <= end:
             self.now = due
@@ -95,12 +95,12 @@ class Pendant:
         return b""
 
     def answer(self, seconds: float = 5.0) -> bytes:
-        """The robot's next telegram."""
+        """Return the robot's next telegram."""
         assert self.run(seconds) == ENQ
         return self.take()
 
     def take(self) -> bytes:
-        """The telegram for which the robot has just bid."""
+        """Accept the telegram for which the robot has just sent an ENQ."""
         data = self.put(ACK)
         telegram = data[2:-3]
         assert data[:2] == b"\x10\x02"
@@ -124,7 +124,7 @@ class Pendant:
         return answer[5] == RESPONSE
 
     def status(self) -> tuple[int, ...]:
-        """Flags of byte 17, then X Y Z in 0.125 mm."""
+        """Return the flags of byte 17, then X Y Z in 0.125 mm."""
         answer = self.do(GOLDEN_STATUS)
         assert len(answer) == 32
         return struct.unpack(">B3h", answer[17:24])
@@ -142,7 +142,7 @@ def in_sequence(profile: S3Profile | None = None, **more: object) -> Pendant:
     return pendant
 
 
-def test_the_status_answer_is_32_bytes_of_state_and_pose() -> None:
+def test_status_answer_is_32_bytes_of_state_and_pose() -> None:
     answer = Pendant().do(GOLDEN_STATUS)
     assert answer == bytes.fromhex(
         "0020 00 00 13 02 0000"  # header: 32 bytes, from the robot, read status, response
@@ -160,19 +160,19 @@ def test_modes_are_written_and_reported() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_turnaround_is_12_ms_within_4(seed: int) -> None:
+def test_turnaround_is_12_ms_within_4(seed: int) -> None:
     pendant = Pendant(seed=seed)
-    seen = set()
+    observed = set()
     for _ in range(40):
         pendant.order(GOLDEN_STATUS)
-        asked = pendant.now
+        requested = pendant.now
         pendant.answer()
-        seen.add(pendant.now - asked)
-    assert 0.008 <= min(seen) < 0.0095
-    assert 0.0145 < max(seen) <= 0.016 + 1e-9
+        observed.add(pendant.now - requested)
+    assert 0.008 <= min(observed) < 0.0095
+    assert 0.0145 < max(observed) <= 0.016 + 1e-9
 
 
-def test_the_same_seed_answers_at_the_same_times() -> None:
+def test_same_seed_gives_same_answer_times() -> None:
     def times(seed: int) -> list[float]:
         pendant = Pendant(seed=seed)
         return [pendant.now for _ in range(5) if pendant.do(GOLDEN_STATUS)]
@@ -182,10 +182,10 @@ def test_the_same_seed_answers_at_the_same_times() -> None:
 
 
 @pytest.mark.parametrize("size", [52, 60])
-@pytest.mark.parametrize("whole", [True, False])
-def test_a_movement_sequence_of_any_style_and_size_moves_the_robot(size: int, whole: bool) -> None:
+@pytest.mark.parametrize("is_complete", [True, False])
+def test_movement_sequence_of_any_style_moves_robot(size: int, is_complete: bool) -> None:
     pendant = in_operation()
-    length = size if whole else size - 8
+    length = size if is_complete else size - 8
     target = (900.0, -80.0, 595.0)
     for suffix, point in ((START_MOVE, (0.0, 0.0, 0.0)), (POINT, target), (END, target)):
         assert pendant.accepts(move(suffix, point, size=size, length=length))
@@ -200,17 +200,17 @@ def test_velocity_and_run_speed_multiply() -> None:
     begun = pendant.now
     pendant.run(1.0)
     # 40 mm/s for 1 s, less delay (20 … 40 ms) and the loop's lag of 50 ms; the answer takes up to 16 ms.
-    moved = (pendant.status()[2] + 800) * 0.125
-    assert moved == pytest.approx(40.0 * (pendant.now - begun - 0.08), abs=0.7)
+    position = (pendant.status()[2] + 800) * 0.125
+    assert position == pytest.approx(40.0 * (pendant.now - begun - 0.08), abs=0.7)
 
 
-def test_a_full_queue_delays_the_answer_until_a_place_is_free() -> None:
+def test_full_queue_delays_answer_until_space_is_free() -> None:
     pendant = in_sequence()
-    taken = []
+    times = []
     for k in range(1, 5):
         assert pendant.accepts(move(POINT, (900.0, -100.0 + 10.0 * k, 600.0), mm_s=20.0))
-        taken.append(pendant.now)
-    first = taken[0]
+        times.append(pendant.now)
+    first = times[0]
     assert pendant.now - first < 0.06
     pendant.order(move(POINT, (900.0, -50.0, 600.0), mm_s=20.0))
     assert pendant.answer()[5] == RESPONSE
@@ -218,7 +218,7 @@ def test_a_full_queue_delays_the_answer_until_a_place_is_free() -> None:
     assert pendant.now == pytest.approx(first + 0.5, abs=0.025)
 
 
-def test_orders_behind_a_waiting_one_are_answered_in_turn() -> None:
+def test_orders_after_waiting_one_are_answered_in_order() -> None:
     pendant = in_sequence(S3Profile(queue_depth=1, order_backlog=2))
     pendant.accepts(move(POINT, (900.0, -90.0, 600.0), mm_s=20.0))
     pendant.order(move(POINT, (900.0, -80.0, 600.0), mm_s=20.0))
@@ -231,15 +231,15 @@ def test_orders_behind_a_waiting_one_are_answered_in_turn() -> None:
     assert pendant.run(3.0) == b""
 
 
-def test_a_move_may_be_answered_only_when_reached() -> None:
+def test_move_may_be_answered_when_reached() -> None:
     pendant = in_sequence(S3Profile(move_reply="reached"))
-    asked = pendant.now
+    requested = pendant.now
     assert pendant.accepts(move(POINT, (900.0, -90.0, 600.0), mm_s=20.0))
-    assert 0.5 < pendant.now - asked < 0.8
+    assert 0.5 < pendant.now - requested < 0.8
     assert pendant.status() == (0b0010, 7200, -720, 4800)
 
 
-def test_a_move_not_reached_is_refused_at_an_emergency_stop() -> None:
+def test_emergency_stop_refuses_unreached_move() -> None:
     pendant = in_sequence(S3Profile(move_reply="reached"))
     pendant.order(move(POINT, (900.0, -50.0, 600.0), mm_s=20.0))
     assert pendant.run(0.3) == b""
@@ -250,7 +250,7 @@ def test_a_move_not_reached_is_refused_at_an_emergency_stop() -> None:
     assert (refusal[4], refusal[5], refusal[9]) == (24, REFUSAL, 13)
 
 
-def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
+def test_emergency_stop_stops_refuses_and_is_reported() -> None:
     pendant = in_sequence()
     pendant.accepts(move(POINT, (900.0, 100.0, 600.0)))
     pendant.run(0.5)
@@ -272,7 +272,7 @@ def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
 
 
 @pytest.mark.parametrize(("keeps", "flags"), [(False, 0b1000), (True, 0b1001)])
-def test_an_emergency_stop_may_keep_the_flag_of_standby(keeps: bool, flags: int) -> None:
+def test_emergency_stop_may_keep_standby_flag(keeps: bool, flags: int) -> None:
     pendant = Pendant(S3Profile(emergency_stop_keeps_standby=keeps))
     assert pendant.status()[0] == 0b0001
     pendant.robot.press_emergency_stop(pendant.now)
@@ -283,7 +283,7 @@ def test_an_emergency_stop_may_keep_the_flag_of_standby(keeps: bool, flags: int)
     assert pendant.status()[0] == 0b0001
 
 
-def test_stop_program_ends_a_movement() -> None:
+def test_stop_program_ends_movement() -> None:
     pendant = in_sequence()
     pendant.accepts(move(POINT, (900.0, 100.0, 600.0)))
     assert pendant.accepts(GOLDEN_STOP)
@@ -307,7 +307,7 @@ def test_programs_start_stop_and_continue() -> None:
     assert pendant.accepts(block(2, 1, b"\0\7"))
 
 
-def test_the_work_stop_refuses_with_16() -> None:
+def test_work_stop_refuses_with_16() -> None:
     pendant = in_sequence()
     pendant.robot.set_work_stop(True, pendant.now)
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 16
@@ -315,7 +315,7 @@ def test_the_work_stop_refuses_with_16() -> None:
     assert pendant.accepts(move(START_MOVE))
 
 
-def test_without_control_the_link_only_answers_the_status() -> None:
+def test_link_without_control_answers_status_only() -> None:
     pendant = Pendant(S3Profile(link_control=False))
     assert pendant.refusal(GOLDEN_OPERATION) == 5
     assert pendant.do(GOLDEN_STATUS)[16] & 1
@@ -348,21 +348,21 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("sent", "code"), REFUSED.values(), ids=REFUSED.keys())
-def test_refusals(sent: bytes, code: int) -> None:
+def test_invalid_orders_are_refused(sent: bytes, code: int) -> None:
     pendant = in_sequence()
     assert pendant.refusal(sent) == code
     assert pendant.status() == (0b0010, 7200, -800, 4800)
     assert pendant.accepts(move(POINT, HERE)), "a refused order leaves the sequence as it was"
 
 
-def test_an_unknown_program_is_refused_and_none_starts_in_a_movement() -> None:
+def test_unknown_program_is_refused() -> None:
     pendant = in_operation()
     assert pendant.refusal(block(2, 0, b"\0\2")) == 3
     assert pendant.accepts(move(START_MOVE))
     assert pendant.refusal(block(2, 0, b"\0\1")) == 31
 
 
-def test_a_telegram_of_another_sender_is_incomplete() -> None:
+def test_telegram_of_other_sender_is_incomplete() -> None:
     telegram = bytes.fromhex("00 08 05 00 13 01 00 00")
     sent = b"\x10\x02" + telegram + b"\x10\x03" + bytes([reduce(xor, telegram, 3)])
     answer = Pendant().do(sent)
@@ -370,24 +370,24 @@ def test_a_telegram_of_another_sender_is_incomplete() -> None:
 
 
 @pytest.mark.parametrize("suffix", [POINT, END])
-def test_a_point_without_a_start_is_refused_with_15(suffix: int) -> None:
+def test_point_without_start_is_refused_with_15(suffix: int) -> None:
     pendant = in_operation()
     assert pendant.refusal(move(suffix, HERE)) == 15
 
 
-def test_in_standby_nothing_moves() -> None:
+def test_standby_prevents_motion() -> None:
     pendant = Pendant()
     assert pendant.refusal(move(START_MOVE)) == 6
     assert pendant.refusal(block(2, 0, b"\0\1")) == 6
 
 
-def test_after_its_end_a_sequence_takes_no_points() -> None:
+def test_ended_sequence_accepts_no_points() -> None:
     pendant = in_sequence()
     assert pendant.accepts(move(END, HERE))
     assert pendant.refusal(move(POINT, HERE)) == 15
 
 
-def test_standby_ends_a_sequence_and_stops() -> None:
+def test_standby_ends_sequence_and_stops() -> None:
     pendant = in_sequence()
     pendant.accepts(move(POINT, (900.0, 100.0, 600.0)))
     assert pendant.accepts(block(20, 0))
@@ -399,7 +399,7 @@ def test_power_up_in_operation_needs_no_mode() -> None:
     assert Pendant(S3Profile(power_up_mode=1)).accepts(move(START_MOVE))
 
 
-def test_a_damaged_block_is_repeated_and_obeyed_once() -> None:
+def test_damaged_block_is_repeated_and_executed_once() -> None:
     pendant = Pendant()
     assert pendant.put(ENQ) == ACK
     # While the length may still count without the header, only the gap tells that nothing follows.
@@ -411,14 +411,14 @@ def test_a_damaged_block_is_repeated_and_obeyed_once() -> None:
     assert pendant.run(5.0) == b""
 
 
-def test_a_longer_tool_brings_the_point_within_reach() -> None:
+def test_longer_tool_brings_point_within_reach() -> None:
     far = move(POINT, (1500.0, 0.0, 100.0))
     assert in_sequence(tool_length=0.2).accepts(far)
     assert in_sequence(tool_length=0.9).accepts(move(POINT, (1500.0, 0.0, -300.0)))
     assert in_sequence(tool_length=0.2).refusal(move(POINT, (1500.0, 0.0, -300.0))) == 15
 
 
-def test_the_farthest_point_is_arm_and_tool_stretched() -> None:
+def test_farthest_point_is_arm_and_tool_stretched() -> None:
     # Level with axis 2, the tool along base x: 710 + hypot(125, 850) + 150 + 200 mm.
     reach = 710.0 + math.hypot(125.0, 850.0) + 350.0
     forward = (11585, 0, 11585, 0)
@@ -426,7 +426,7 @@ def test_the_farthest_point_is_arm_and_tool_stretched() -> None:
     assert in_sequence().refusal(move(POINT, (reach + 0.2, 0.0, 780.0), quaternion=forward)) == 15
 
 
-def test_a_point_that_needs_a_bent_line_is_refused() -> None:
+def test_point_without_straight_line_is_refused() -> None:
     pendant = in_sequence()
     # In reach after a turn of axis 1, but the straight line runs through the column.
     assert pendant.refusal(move(POINT, (-900.0, -100.0, 600.0))) == 15
@@ -437,13 +437,13 @@ def test_a_point_that_needs_a_bent_line_is_refused() -> None:
     assert pendant.robot.joints(pendant.now)[0] == pytest.approx(math.atan2(-100.0, -900.0), abs=1e-3)
 
 
-def test_a_steep_forearm_is_beyond_the_range_of_axis_3() -> None:
+def test_steep_forearm_is_beyond_range_of_axis_3() -> None:
     assert in_sequence().refusal(move(POINT, (900.0, -100.0, 300.0))) == 15
     wider = S3Profile(axis_ranges_deg=(180.0, 100.0, 70.0, 200.0, 120.0, 200.0))
     assert in_sequence(wider).accepts(move(POINT, (900.0, -100.0, 300.0)))
 
 
-def test_a_joint_slows_a_move_that_is_too_fast_for_it() -> None:
+def test_joint_speed_limit_slows_move() -> None:
     # 51.3° of axis 1 at 115°/s take 0.45 s at least, where 8 m/s would take 0.125 s.
     def interpolated(speed_deg_s: float) -> float:
         pendant = in_sequence(S3Profile(axis_speeds_deg_s=(speed_deg_s, *(300.0,) * 5)))
@@ -458,7 +458,7 @@ def test_a_joint_slows_a_move_that_is_too_fast_for_it() -> None:
     assert interpolated(57.5) == pytest.approx(0.9, abs=0.03)
 
 
-def test_a_point_without_a_place_in_the_queue_ends_at_a_stop() -> None:
+def test_point_waiting_for_queue_ends_at_stop() -> None:
     pendant = in_sequence(S3Profile(queue_depth=1))
     assert pendant.accepts(move(POINT, (900.0, 0.0, 600.0), mm_s=20.0))
     pendant.order(move(POINT, (900.0, 100.0, 600.0), mm_s=20.0))
@@ -471,7 +471,7 @@ def test_a_point_without_a_place_in_the_queue_ends_at_a_stop() -> None:
     assert pendant.accepts(move(POINT, (900.0, 100.0, 600.0)))
 
 
-def test_what_cannot_be_is_refused_at_the_start() -> None:
+def test_invalid_profile_is_refused() -> None:
     with pytest.raises(ValueError, match="work area"):
         S3Controller(S3Profiles(), StartPose((3.0, 0.0, 0.0), DOWN), T0, 1)
     with pytest.raises(ValueError, match="turnaround_spread_ms"):
@@ -480,11 +480,11 @@ def test_what_cannot_be_is_refused_at_the_start() -> None:
         S3Profile(queue_depth=0)
 
 
-def test_a_host_that_never_listens_costs_no_memory() -> None:
+def test_host_that_never_reads_costs_no_memory() -> None:
     pendant = Pendant()
     for _ in range(100):
         pendant.robot.press_emergency_stop(pendant.now)
-    told = 0
+    reported = 0
     while pendant.run(1000.0):
-        told += 1
-    assert told <= 3 * 16
+        reported += 1
+    assert reported <= 3 * 16

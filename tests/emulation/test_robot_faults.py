@@ -1,4 +1,4 @@
-"""Every fault of an emulated S3 on purpose: the host lives through each."""
+"""Tests of every fault of an emulated S3: the host handles each."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from protocol.devices.s3.arap import MoveKind, SpontaneousReceived, read_status
 from tests.emulation.s3_bench import OPERATION, POINT, START, T0, Bench, move
 
 
-def test_every_fault_has_a_hand_that_takes_its_parameters() -> None:
+def test_every_fault_has_handler_for_its_parameters() -> None:
     bench = Bench()
     handled = {target: set(handlers) for target, handlers in bench.robot.handlers.items()}
     assert handled == {target: set(faults) for target, faults in S3_FAULTS.items()}
@@ -21,7 +21,7 @@ def test_every_fault_has_a_hand_that_takes_its_parameters() -> None:
         bench.robot.inject("late", bench.now)
 
 
-LIVED_THROUGH: dict[str, tuple[dict[str, object], str, float]] = {
+TOLERATED_FAULTS: dict[str, tuple[dict[str, object], str, float]] = {
     "drop-ack": ({}, "messages failed", 0.22),
     "drop-ack of a bid": ({"of": "bid"}, "bid repeated", 2.0),
     "nak-block": ({}, "NAK received", 0.22),
@@ -34,41 +34,41 @@ LIVED_THROUGH: dict[str, tuple[dict[str, object], str, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", LIVED_THROUGH)
-def test_a_fault_is_lived_through_counted_and_over(name: str) -> None:
-    parameters, counter, seconds = LIVED_THROUGH[name]
+@pytest.mark.parametrize("name", TOLERATED_FAULTS)
+def test_fault_acts_is_counted_and_ends(name: str) -> None:
+    parameters, counter, seconds = TOLERATED_FAULTS[name]
     bench = Bench()
     first = bench.status()
     bench.robot.inject(name.partition(" ")[0], bench.now, **parameters)
-    asked = bench.now
+    requested = bench.now
     assert bench.status() == first
-    assert seconds <= bench.now - asked < seconds + 0.6
+    assert seconds <= bench.now - requested < seconds + 0.6
     bench.wait(1.0)
     if counter:
         assert bench.count(counter) > 0
     assert bench.robot.armed == {}
-    troubles, asked = dict(bench.host.link.counters), bench.now
+    troubles, requested = dict(bench.host.link.counters), bench.now
     assert bench.status() == first
-    assert bench.now - asked < 0.02
+    assert bench.now - requested < 0.02
     if counter:
         assert bench.count(counter) == troubles[counter], "once is once"
 
 
-def test_what_waits_for_its_moment_can_be_called_off() -> None:
+def test_waiting_fault_can_be_cancelled() -> None:
     bench = Bench()
-    for fault, row in (*LIVED_THROUGH.items(), ("refuses", ({}, "", 0.0))):
+    for fault, row in (*TOLERATED_FAULTS.items(), ("refuses", ({}, "", 0.0))):
         if fault not in ("babble", "off", "line-break"):
             bench.robot.inject(fault.partition(" ")[0], bench.now, **row[0])
     bench.robot.inject("power-cycle", bench.now, after_bytes=1)
     assert len(bench.robot.armed) == 8
     bench.robot.disarm()
-    asked = bench.now
+    requested = bench.now
     assert bench.status().standby
-    assert bench.now - asked < 0.02
+    assert bench.now - requested < 0.02
     assert not any(bench.count(name) for name in ("time-out", "NAK sent", "NAK received", "missing EOT"))
 
 
-def test_a_fault_of_several_strikes_as_often() -> None:
+def test_fault_strikes_count_times() -> None:
     bench = Bench()
     bench.robot.inject("corrupt-block", bench.now, count=3)
     assert bench.robot.armed == {"corrupt-block": 3}
@@ -76,7 +76,7 @@ def test_a_fault_of_several_strikes_as_often() -> None:
     assert bench.count("NAK sent") == 3
 
 
-def test_a_block_is_damaged_from_the_next_message_on() -> None:
+def test_block_damage_starts_with_next_message() -> None:
     bench = Bench()
     order = bytes.fromhex("10 02 00 08 01 00 13 01 00 00 10 03 18")
     bench.robot.endpoint.receive(b"\x05" + order[:4], T0)
@@ -94,7 +94,7 @@ def test_a_block_is_damaged_from_the_next_message_on() -> None:
     assert bench.robot.endpoint.data_to_send(T0 + 0.3) == b"\x15"
 
 
-def test_the_next_order_of_a_function_is_refused_with_the_code() -> None:
+def test_next_order_of_function_is_refused_with_code() -> None:
     bench = Bench().operation()
     bench.robot.inject("refuses", bench.now, code=12, function=20)
     assert bench.status()
@@ -105,17 +105,17 @@ def test_the_next_order_of_a_function_is_refused_with_the_code() -> None:
     assert read_state(bench.robot, bench.now).last_refusal == "read status: 31 not possible to proceed"
 
 
-def test_a_spontaneous_message_is_told_as_asked_for() -> None:
+def test_spontaneous_message_is_sent_as_configured() -> None:
     bench = Bench()
     bench.robot.inject("spontaneous", bench.now, kind=7, x=40, y=2)
     bench.wait(1.0)
-    assert [e.spontaneous.text for e in bench.told if isinstance(e, SpontaneousReceived)] == [
+    assert [e.spontaneous.text for e in bench.events if isinstance(e, SpontaneousReceived)] == [
         "system error 40.2"
     ]
 
 
 @pytest.mark.parametrize(("eot", "missing"), [("always", 0), ("never", 40), ("sometimes", 20)])
-def test_a_spontaneous_message_may_lack_its_eot_and_others_never_do(eot: str, missing: int) -> None:
+def test_only_spontaneous_message_may_lack_eot(eot: str, missing: int) -> None:
     bench = Bench(S3Profile(spontaneous_eot=eot))  # type: ignore[arg-type]
     for _ in range(40):
         bench.robot.inject("spontaneous", bench.now)
@@ -124,20 +124,20 @@ def test_a_spontaneous_message_may_lack_its_eot_and_others_never_do(eot: str, mi
     before = bench.count("missing EOT")
     bench.status()
     assert bench.count("missing EOT") == before
-    assert sum(isinstance(e, SpontaneousReceived) for e in bench.told) == 40
+    assert sum(isinstance(e, SpontaneousReceived) for e in bench.events) == 40
 
 
-def test_a_power_cycle_is_silence_then_a_fresh_controller() -> None:
+def test_power_cycle_is_silence_then_restarted_controller() -> None:
     bench = Bench(S3Profile(start_up_s=3.0)).moving()
     bench.wait(1.0)
     bench.robot.press_emergency_stop(bench.now)
     bench.robot.inject("power-cycle", bench.now)
-    said = len(bench.to_host)
-    shown = read_state(bench.robot, bench.now)
-    assert (shown.mode, shown.points_waiting) == ("starting", 0)
+    messages = len(bench.to_host)
+    displayed = read_state(bench.robot, bench.now)
+    assert (displayed.mode, displayed.points_waiting) == ("starting", 0)
     bench.robot.inject("spontaneous", bench.now)
     bench.wait(2.99)
-    assert len(bench.to_host) == said
+    assert len(bench.to_host) == messages
     bench.wait(0.02)
     assert read_state(bench.robot, bench.now).mode == "standby"
     status = bench.status()
@@ -145,21 +145,21 @@ def test_a_power_cycle_is_silence_then_a_fresh_controller() -> None:
     bench.robot.release_emergency_stop(bench.now)
     assert bench.operation().code(POINT) == 15
     bench.wait(10.0)
-    assert not any(isinstance(event, SpontaneousReceived) for event in bench.told)
+    assert not any(isinstance(event, SpontaneousReceived) for event in bench.events)
 
 
-def test_an_order_without_answer_is_dropped_at_a_power_cycle() -> None:
+def test_power_cycle_drops_unanswered_order() -> None:
     bench = Bench(S3Profile(start_up_s=0.001))
     bench.host.order(OPERATION)
     bench.exchange()
     bench.robot.inject("power-cycle", bench.now)
-    said = len(bench.to_host)
+    messages = len(bench.to_host)
     bench.wait(1.0)
-    assert len(bench.to_host) == said
+    assert len(bench.to_host) == messages
     assert read_state(bench.robot, bench.now).mode == "standby"
 
 
-def test_a_block_is_damaged_after_a_power_cycle_in_the_middle_of_one() -> None:
+def test_block_damage_applies_after_power_cycle_in_block() -> None:
     bench = Bench(S3Profile(start_up_s=0.001))
     bench.robot.inject("nak-block", T0)
     bench.robot.endpoint.receive(bytes.fromhex("05 10 02 00 08 01"), T0)
@@ -172,22 +172,22 @@ def test_a_block_is_damaged_after_a_power_cycle_in_the_middle_of_one() -> None:
 
 
 @pytest.mark.parametrize("size", range(1, 40))
-def test_a_reset_in_mid_message_leaves_half_and_the_host_recovers(size: int) -> None:
+def test_host_recovers_from_reset_during_message(size: int) -> None:
     bench = Bench(S3Profile(start_up_s=0.5))
     first = bench.status()
-    said = len(bench.to_host)
+    messages = len(bench.to_host)
     bench.robot.inject("power-cycle", bench.now, after_bytes=size)
     bench.host.order(read_status())
     for _ in bench.steps(0.4):
         pass
-    assert len(bench.to_host) == said + size
-    bench.told.clear()
+    assert len(bench.to_host) == messages + size
+    bench.events.clear()
     bench.wait(30.0)
-    bench.told.clear()
+    bench.events.clear()
     assert bench.status() == first
 
 
-def test_half_a_message_at_the_end_of_the_start_up_is_noise() -> None:
+def test_half_message_at_end_of_start_up_is_noise() -> None:
     bench = Bench(S3Profile(start_up_s=1.0))
     bench.robot.inject("power-cycle", bench.now)
     order = bytes.fromhex("05 10 02 00 08 01 00 13 01 00 00 10 03 18 04")
@@ -199,23 +199,23 @@ def test_half_a_message_at_the_end_of_the_start_up_is_noise() -> None:
     assert bench.status().standby
 
 
-def test_a_frozen_interpolator_takes_points_and_goes_on_later() -> None:
+def test_frozen_interpolator_queues_points_and_resumes() -> None:
     bench = Bench().moving(0.0)
     bench.wait(0.5)
     bench.robot.inject("stands", bench.now, for_s=3.0)
     bench.wait(0.5)
-    stood = bench.true_position
+    stopped_at = bench.true_position
     for y in (0.01, 0.02, 0.03):
         assert bench.accepts(move(MoveKind.POINT, y))
-    asked = bench.now
+    requested = bench.now
     assert bench.accepts(move(MoveKind.POINT, 0.04)), "when a place is free"
-    assert bench.now - asked > 2.0
-    assert stood == pytest.approx([0.9, -0.078, 0.6], abs=0.003)
+    assert bench.now - requested > 2.0
+    assert stopped_at == pytest.approx([0.9, -0.078, 0.6], abs=0.003)
     bench.wait(5.0)
     assert bench.true_position[1] == pytest.approx(0.04, abs=1e-4)
 
 
-def test_an_encoder_offset_jumps_is_driven_back_and_stays_in_the_arm() -> None:
+def test_encoder_offset_is_corrected_by_true_motion() -> None:
     bench = Bench()
     bench.robot.inject("encoder-offset", bench.now, z_mm=2.0)
     motion = bench.robot.motion
@@ -226,8 +226,8 @@ def test_an_encoder_offset_jumps_is_driven_back_and_stays_in_the_arm() -> None:
     bench.wait(1.0)
     assert bench.status().position == START
     assert bench.true_position == pytest.approx([0.9, -0.1, 0.598], abs=1e-4)
-    shown = read_state(bench.robot, bench.now)
-    assert shown.position_mm[2] - shown.true_position_mm[2] == pytest.approx(2.0, abs=0.1)
+    displayed = read_state(bench.robot, bench.now)
+    assert displayed.position_mm[2] - displayed.true_position_mm[2] == pytest.approx(2.0, abs=0.1)
     bench.robot.inject("encoder-offset", bench.now, z_mm=-2.0)
     bench.wait(1.0)
     assert bench.true_position == pytest.approx(list(START), abs=1e-4)
@@ -236,7 +236,7 @@ def test_an_encoder_offset_jumps_is_driven_back_and_stays_in_the_arm() -> None:
         bench.robot.inject("encoder-offset", bench.now, x_mm=-0.1)
 
 
-def test_a_certain_path_stays_as_it_was_told() -> None:
+def test_fault_keeps_committed_path() -> None:
     bench = Bench().moving()
     bench.wait(0.7)
     certain = bench.robot.motion.path.committed_until(bench.now)

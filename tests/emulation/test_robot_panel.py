@@ -1,4 +1,4 @@
-"""The emulated controller as people find it at its panel: states, stored programs, and what the panel is asked."""
+"""Tests of the emulated controller's panel: states, stored programs, and requests."""
 
 import itertools
 import json
@@ -66,8 +66,8 @@ REFUSED_IN: dict[str, tuple[dict[str, object], dict[str, int]]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED_IN)
-def test_what_is_refused_in_which_state(name: str) -> None:
-    """Read off the specification's section 3, order by order."""
+def test_refusals_by_state(name: str) -> None:
+    """Taken from the specification's section 3, order by order."""
     values, expected = REFUSED_IN[name]
     state = State(**{"mode": Mode.OPERATION, "link_control": True, **values})  # type: ignore[arg-type]
     refused = {
@@ -79,7 +79,7 @@ def test_what_is_refused_in_which_state(name: str) -> None:
     assert refusal(state, read_status().function, 0, PROFILE) is None
 
 
-def test_every_stimulus_has_its_row() -> None:
+def test_every_stimulus_has_row() -> None:
     assert set(CHANGES) == set(Stimulus)
 
 
@@ -102,39 +102,39 @@ FLAGS = {
 
 
 @pytest.mark.parametrize("lever", LEVERS)
-def test_each_lever_shows_in_status_and_panel_and_goes_back(lever: str) -> None:
+def test_each_control_shows_in_status_and_panel(lever: str) -> None:
     bench = Bench()
     before = bench.status()
-    shown = bench.panel.perform({"do": lever, "to": TO[lever][0]}, bench.now)["state"]
+    displayed = bench.panel.perform({"do": lever, "to": TO[lever][0]}, bench.now)["state"]
     bench.wait(5.0)
     if lever in FLAGS:
         flag, value = FLAGS[lever]
         assert getattr(bench.status(), flag) is value is not getattr(before, flag)
-        assert shown["flags"][flag] is value
+        assert displayed["flags"][flag] is value
     else:
-        assert shown["flags"]["work_stop"] is True
+        assert displayed["flags"]["work_stop"] is True
     bench.panel.perform({"do": lever, "to": TO[lever][1]}, bench.now)
     assert bench.status() == before
 
 
 @pytest.mark.parametrize(("lever", "code"), [("emergency-stop", 13), ("work-stop", 16), ("key", 5)])
-def test_what_halts_stops_the_arm_at_once_and_ends_the_sequence(lever: str, code: int) -> None:
+def test_halting_control_stops_arm_and_ends_sequence(lever: str, code: int) -> None:
     bench = Bench().moving()
     bench.wait(1.0)
     bench.panel.perform({"do": lever, "to": TO[lever][0]}, bench.now)
     begun = bench.true_position[1]
     bench.wait(1.0)
-    stood = bench.true_position[1]
-    assert 0.0 < stood - begun < 0.006, "two ticks and the loop's lag at 50 mm/s"
+    stopped_at = bench.true_position[1]
+    assert 0.0 < stopped_at - begun < 0.006, "two ticks and the loop's lag at 50 mm/s"
     bench.wait(1.0)
-    assert bench.true_position[1] == stood
+    assert bench.true_position[1] == stopped_at
     assert bench.code(POINT) == code
     bench.panel.perform({"do": lever, "to": TO[lever][1]}, bench.now)
     assert bench.accepts(OPERATION)
     assert bench.code(POINT) == 15, "a sequence has to be started again"
 
 
-def test_link_control_taken_away_lets_what_moves_go_on() -> None:
+def test_removed_link_control_lets_motion_continue() -> None:
     bench = Bench().moving()
     bench.robot.set_link_control(False, bench.now)
     bench.wait(10.0)
@@ -142,18 +142,18 @@ def test_link_control_taken_away_lets_what_moves_go_on() -> None:
     assert bench.code(STOP) == 5
 
 
-def test_the_emergency_stop_is_told_once_however_often_it_is_pressed() -> None:
+def test_repeated_emergency_stop_is_reported_once() -> None:
     bench = Bench()
     for _ in range(3):
         bench.robot.press_emergency_stop(bench.now)
         bench.wait(1.0)
-    assert [e.spontaneous.text for e in bench.told if isinstance(e, SpontaneousReceived)] == [
+    assert [e.spontaneous.text for e in bench.events if isinstance(e, SpontaneousReceived)] == [
         "operational error 13.0"
     ]
 
 
 @pytest.mark.parametrize("kind", [MoveKind.POINT, MoveKind.END])
-def test_a_point_answered_when_reached_is_judged_on_the_way(kind: MoveKind) -> None:
+def test_point_answered_when_reached_is_judged_under_way(kind: MoveKind) -> None:
     bench = Bench(S3Profile(move_reply="reached")).operation()
     assert bench.accepts(BEGIN)
     assert bench.accepts(move(kind, -0.08)), "also the end, after which no sequence is open"
@@ -163,7 +163,7 @@ def test_a_point_answered_when_reached_is_judged_on_the_way(kind: MoveKind) -> N
     bench.wait(1.0)
     bench.robot.set_key(False, bench.now)
     bench.wait(1.0)
-    assert [event.refusal.code for event in bench.told if isinstance(event, Refused)] == [5]
+    assert [event.refusal.code for event in bench.events if isinstance(event, Refused)] == [5]
 
 
 # --- stored programs
@@ -177,15 +177,15 @@ move 900 -50 620 100   # 0.2 s
 """
 
 
-def test_a_program_moves_waits_and_counts_its_instructions() -> None:
+def test_program_moves_waits_and_counts_instructions() -> None:
     bench = Bench(p7=LINES).operation()
     assert bench.accepts(start_program(7))
-    seen = []
+    observed = []
     for _ in range(60):
         status = bench.status()
-        seen.append((status.program, status.instruction, status.execution))
+        observed.append((status.program, status.instruction, status.execution))
         bench.wait(0.05)
-    assert [key for key, _ in itertools.groupby(seen)] == [
+    assert [key for key, _ in itertools.groupby(observed)] == [
         (7, 1, True),
         (7, 2, True),
         (7, 3, True),
@@ -195,7 +195,7 @@ def test_a_program_moves_waits_and_counts_its_instructions() -> None:
     assert bench.code(start_program(7, from_start=False)) == 31, "nothing is left to continue"
 
 
-def test_a_stopped_program_goes_on_where_it_was_or_begins_anew() -> None:
+def test_stopped_program_resumes_or_restarts() -> None:
     bench = Bench(p7=LINES).operation()
     assert bench.accepts(start_program(7))
     bench.wait(1.0)
@@ -214,7 +214,7 @@ def test_a_stopped_program_goes_on_where_it_was_or_begins_anew() -> None:
     assert bench.code(start_program(1, from_start=False)) == 1
 
 
-def test_a_program_interrupted_in_mid_line_ends_at_its_point() -> None:
+def test_interrupted_program_ends_at_its_point() -> None:
     bench = Bench(p7=b"# emulated program\nmove 900 200 600 100\n").operation()
     assert bench.accepts(start_program(7))
     bench.wait(1.0)
@@ -228,7 +228,7 @@ def test_a_program_interrupted_in_mid_line_ends_at_its_point() -> None:
     assert bench.status().position[1] == pytest.approx(0.2)
 
 
-def test_a_program_of_a_real_controller_or_of_none_takes_its_time() -> None:
+def test_unknown_or_empty_program_takes_its_time() -> None:
     bench = Bench(S3Profile(program_s=2.0), p9=b"\x03\xff\x00anything").operation()
     for number in (1, 9):
         assert bench.accepts(start_program(number))
@@ -238,17 +238,17 @@ def test_a_program_of_a_real_controller_or_of_none_takes_its_time() -> None:
         assert not bench.status().execution
 
 
-def test_a_program_that_leaves_the_work_area_ends_with_an_error() -> None:
+def test_program_leaving_work_area_ends_with_error() -> None:
     bench = Bench(p7=b"# emulated program\nmove 3000 0 0 100\nwait 1\n").operation()
     assert bench.accepts(start_program(7))
     bench.wait(1.0)
-    assert [e.spontaneous.text for e in bench.told if isinstance(e, SpontaneousReceived)] == [
+    assert [e.spontaneous.text for e in bench.events if isinstance(e, SpontaneousReceived)] == [
         "operational error 15.0"
     ]
     assert not bench.status().execution
 
 
-def test_program_text_is_read_strictly() -> None:
+def test_program_text_is_parsed_strictly() -> None:
     assert read_steps(LINES) == (
         MoveStep((0.9, -0.05, 0.6), 0.1),
         WaitStep(1.5),
@@ -268,45 +268,45 @@ def test_program_text_is_read_strictly() -> None:
 # --- the panel
 
 
-def test_the_panel_shows_what_is_there() -> None:
+def test_panel_shows_available_controls() -> None:
     bench = Bench().moving()
     bench.code(write_mode(4))  # type: ignore[arg-type]
     bench.wait(1.0)
-    shown = bench.panel.perform({"do": "show"}, bench.now)["state"]
-    assert shown["mode"] == "operation"
-    assert shown["activity"] == "movement sequence"
-    assert [flag for flag, on in shown["flags"].items() if on] == ["key_auto", "operation", "execution"]
-    assert (shown["points_waiting"], shown["queue_depth"]) == (1, 4)
-    assert shown["position_mm"][1] == pytest.approx(-54.0, abs=3.0)
-    assert shown["joints_deg"][0] == pytest.approx(math.degrees(math.atan2(-54.0, 900.0)), abs=0.2)
-    assert (shown["answered"], shown["refused"], shown["lost"]) == (4, 1, 0)
-    assert shown["last_refusal"] == "write mode: 2 wrong function suffix"
-    json.dumps(shown)
+    displayed = bench.panel.perform({"do": "show"}, bench.now)["state"]
+    assert displayed["mode"] == "operation"
+    assert displayed["activity"] == "movement sequence"
+    assert [flag for flag, on in displayed["flags"].items() if on] == ["key_auto", "operation", "execution"]
+    assert (displayed["points_waiting"], displayed["queue_depth"]) == (1, 4)
+    assert displayed["position_mm"][1] == pytest.approx(-54.0, abs=3.0)
+    assert displayed["joints_deg"][0] == pytest.approx(math.degrees(math.atan2(-54.0, 900.0)), abs=0.2)
+    assert (displayed["answered"], displayed["refused"], displayed["lost"]) == (4, 1, 0)
+    assert displayed["last_refusal"] == "write mode: 2 wrong function suffix"
+    json.dumps(displayed)
 
 
-def test_looking_changes_nothing() -> None:
-    seen, unseen = Bench().moving(), Bench().moving()
+def test_show_changes_nothing() -> None:
+    observed, unseen = Bench().moving(), Bench().moving()
     for _ in range(200):
-        seen.now += 0.0071
-        seen.panel.show(seen.now)
-    unseen.now = seen.now
-    times = np.linspace(seen.now - 1.5, seen.now, 300)
+        observed.now += 0.0071
+        observed.panel.show(observed.now)
+    unseen.now = observed.now
+    times = np.linspace(observed.now - 1.5, observed.now, 300)
     assert np.array_equal(
-        seen.robot.motion.path.trajectory(times)[0], unseen.robot.motion.path.trajectory(times)[0]
+        observed.robot.motion.path.trajectory(times)[0], unseen.robot.motion.path.trajectory(times)[0]
     )
-    assert seen.status() == unseen.status()
+    assert observed.status() == unseen.status()
 
 
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        ({}, "no action is called None; known: show, emergency-stop, key"),
-        ({"do": ["show"]}, "no action"),
+        ({}, "unknown action None; known: show, emergency-stop, key"),
+        ({"do": ["show"]}, "unknown action"),
         ({"do": "key"}, "key goes to auto or manual, not None"),
         ({"do": "key", "to": {}}, "key goes to"),
         ({"do": "inject"}, "needs the name of a fault"),
         ({"do": "inject", "fault": "refuses", "with": 3}, "table of parameters"),
-        ({"do": "inject", "fault": "flood"}, "no fault is called 'flood'; known: emergency-stop"),
+        ({"do": "inject", "fault": "flood"}, "unknown fault 'flood'; known: emergency-stop"),
         (
             {"do": "inject", "fault": "refuses", "with": {"cod": 1}},
             "refuses has no parameter 'cod'; known: code",
@@ -325,7 +325,7 @@ def test_looking_changes_nothing() -> None:
         ({"do": "inject", "fault": "drop-ack", "with": {"of": "all"}}, "must be block or bid"),
     ],
 )
-def test_what_cannot_be_asked_is_refused_in_one_line(request_: dict[str, object], text: str) -> None:
+def test_invalid_request_is_refused(request_: dict[str, object], text: str) -> None:
     bench = Bench()
     with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
         bench.panel.perform(request_, bench.now)
@@ -356,7 +356,7 @@ REQUESTS = st.fixed_dictionaries(
 @pytest.mark.full
 @settings(max_examples=150, deadline=None)
 @given(st.lists(REQUESTS, max_size=6))
-def test_whatever_is_asked_the_controller_can_be_brought_back(requests: list[dict[str, object]]) -> None:
+def test_controller_recovers_after_any_requests(requests: list[dict[str, object]]) -> None:
     bench = Bench(S3Profile(start_up_s=1.0)).moving()
     for request in requests:
         with suppress(ValueError):

@@ -1,4 +1,4 @@
-"""The axis channel of the emulated KUKA controller, driven by a small client of axis corrections."""
+"""Tests of the axis channel of the emulated KUKA controller, driven by a small client of axis corrections."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ PLACES: tuple[Joints, ...] = (
 
 
 class AxisClient:
-    """A client of the kind that the public drivers are: it answers each telegram with corrections of the axes."""
+    """Client like the public drivers: it answers each telegram with corrections of the axes."""
 
     def __init__(self, element: str = "AK", **settings: Any) -> None:
         profile = RsiProfile(
@@ -45,7 +45,7 @@ class AxisClient:
         self.element, self.now = element, T0
 
     def listen(self) -> Telegram | None:
-        """The next telegram; None where nothing is sent."""
+        """Return the next telegram; None if nothing is sent."""
         due = self.robot.endpoint.next_deadline()
         assert due is not None
         self.now = due
@@ -65,7 +65,7 @@ class AxisClient:
         return telegram
 
     def go(self, axes: Sequence[float], cycles: int) -> Telegram:
-        """Go there from zero at an even speed, then wait until the arm has come."""
+        """Move there from zero at constant speed, then wait until the arm has arrived."""
         for k in range(1, cycles + 1):
             self.cycle([k / cycles * axis for axis in axes])
         for _ in range(100):
@@ -79,8 +79,8 @@ def axes_in(telegram: Telegram, element: str) -> list[float]:
     return axes
 
 
-def test_poses_are_those_of_the_chain_of_joints_that_the_public_model_describes() -> None:
-    """The chain is written here as kuka_kr16_support has it: a place and an axis of each joint, then the flange."""
+def test_poses_match_joint_chain_of_public_model() -> None:
+    """The chain is written as in kuka_kr16_support: a position and an axis of each joint, then the flange."""
     chain = (
         ((0.0, 0.0, 0.675), (0, 0, -1)),
         ((0.26, 0.0, 0.0), (0, 1, 0)),
@@ -109,73 +109,78 @@ def _turn(axis: tuple[int, int, int], angle: float) -> Any:
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
-def test_axes_go_to_a_pose_and_back() -> None:
+def test_pose_to_axes_is_inverse() -> None:
     arm = KukaArm("kr16-2", 0.1)
     for axes in PLACES[1:]:
         near: Joints = tuple(axis + 3.0 for axis in axes)  # type: ignore[assignment]
         assert arm.holding(arm.pose(axes), near) == pytest.approx(axes, abs=1e-6)
 
 
-def test_an_axis_follows_ten_degrees_there_and_back_on_three_axes() -> None:
+def test_three_axes_follow_ten_degrees_and_back() -> None:
     client = AxisClient()
     first = client.cycle((0.0,) * 6)
     start = axes_in(first, "ASPos")
     arm = KukaArm("kr16-2", 0.0)
-    told: list[list[float]] = []
-    wanted: list[list[float]] = []
+    reported: list[list[float]] = []
+    expected: list[list[float]] = []
     for k in range(500):
-        swing = 10.0 * math.sin(2.0 * math.pi * k / 500)
-        correction = (swing, -swing, swing, 0.0, 0.0, 0.0)
+        angle = 10.0 * math.sin(2.0 * math.pi * k / 500)
+        correction = (angle, -angle, angle, 0.0, 0.0, 0.0)
         telegram = client.cycle(correction)
-        told.append(axes_in(telegram, "AIPos"))
-        wanted.append([at + by for at, by in zip(start, correction, strict=True)])
+        reported.append(axes_in(telegram, "AIPos"))
+        expected.append([at + by for at, by in zip(start, correction, strict=True)])
         assert axes_in(telegram, "ASPos") == start
-        a, b, c, d, e, f = told[-1]
+        a, b, c, d, e, f = reported[-1]
         actual = numbers(telegram.values, pose_tags("RIst"))
         assert actual is not None
         assert arm.pose((a, b, c, d, e, f)).position == pytest.approx(pose_of(actual).position, abs=1e-5)
     # The lag of the model: 8 ms of transport, 2 / 60 s of the loops, the cycle that takes an answer, and one more.
     lag = round((0.008 + 2.0 / 60.0) / 0.004) + 1
-    behind = np.array(told[lag + 60 :]) - np.array(wanted[60 : 500 - lag])
+    behind = np.array(reported[lag + 60 :]) - np.array(expected[60 : 500 - lag])
     assert np.abs(behind[:, :3]).max() < 0.25
-    assert np.abs(behind[:, :3]).max() < np.abs(np.array(told[60:]) - np.array(wanted[60:]))[:, :3].max() / 2
-    assert np.ptp(np.array(told)[:, :3], axis=0) == pytest.approx([20.0] * 3, abs=0.2)
+    assert (
+        np.abs(behind[:, :3]).max()
+        < np.abs(np.array(reported[60:]) - np.array(expected[60:]))[:, :3].max() / 2
+    )
+    assert np.ptp(np.array(reported)[:, :3], axis=0) == pytest.approx([20.0] * 3, abs=0.2)
     assert client.robot.late == 0
 
 
-def test_relative_corrections_of_axes_add_up() -> None:
+def test_relative_axis_corrections_add_up() -> None:
     client = AxisClient(mode="relative")
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
     for _ in range(100):
         client.cycle((0.02, 0.0, -0.01, 0.0, 0.0, 0.0))
     for _ in range(100):
         telegram = client.cycle((0.0,) * 6)
-    moved = [now - then for now, then in zip(axes_in(telegram, "AIPos"), start, strict=True)]
-    assert moved == pytest.approx([2.0, 0.0, -1.0, 0.0, 0.0, 0.0], abs=2e-3)
+    changes = [now - then for now, then in zip(axes_in(telegram, "AIPos"), start, strict=True)]
+    assert changes == pytest.approx([2.0, 0.0, -1.0, 0.0, 0.0, 0.0], abs=2e-3)
 
 
-def test_an_axis_is_cut_at_its_own_limit_without_a_word() -> None:
+def test_axis_limit_cuts_silently() -> None:
     client = AxisClient(lim_axis_deg=(90.0, 5.0, 90.0, 90.0, 90.0, 90.0))
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
-    moved = np.array(axes_in(client.go((8.0, 8.0, 0.0, 0.0, 0.0, 0.0), 100), "AIPos")) - start
-    assert moved[:2] == pytest.approx([8.0, 5.0], abs=2e-3)
+    changes = np.array(axes_in(client.go((8.0, 8.0, 0.0, 0.0, 0.0, 0.0), 100), "AIPos")) - start
+    assert changes[:2] == pytest.approx([8.0, 5.0], abs=2e-3)
     assert client.robot.state is State.MOVECORR
-    shown = RSI_CONTROLS.rows(RSI_CONTROLS.state(client.robot, client.now))
-    assert shown["of the axes"].split() == ["8.000", "5.000", *["0.000"] * 4, "°"]
+    displayed = RSI_CONTROLS.rows(RSI_CONTROLS.state(client.robot, client.now))
+    assert displayed["of the axes"].split() == ["8.000", "5.000", *["0.000"] * 4, "°"]
 
 
-def test_axes_may_be_cut_at_the_ends_of_their_ranges_as_the_makers_program_does() -> None:
-    """Source: ROS_SetAxisCorrLimits of kroshu/kuka-external-control-sdk: limits are the ends less the actual axis."""
+def test_axes_may_be_cut_at_range_limits() -> None:
+    """Source: ROS_SetAxisCorrLimits of kroshu/kuka-external-control-sdk: limits are the range limits minus the actual
+    axis.
+    """
     client = AxisClient(axis_ends="cut")
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
-    end, way = MODELS["kr16-2"].highest_deg[4], 85.0
-    assert start[4] + way > end + 1.0
-    last = axes_in(client.go((0.0, 0.0, 0.0, 0.0, way, 0.0), 400), "AIPos")
+    end, travel = MODELS["kr16-2"].highest_deg[4], 85.0
+    assert start[4] + travel > end + 1.0
+    last = axes_in(client.go((0.0, 0.0, 0.0, 0.0, travel, 0.0), 400), "AIPos")
     assert last[4] == pytest.approx(end, abs=2e-3)
     assert client.robot.state is State.MOVECORR
 
 
-def test_the_monitor_of_an_axis_ends_rsi() -> None:
+def test_axis_monitor_ends_rsi() -> None:
     client = AxisClient(mon_axis_deg=(90.0, 90.0, 6.0, 90.0, 90.0, 90.0))
     client.go((8.0, 0.0, 6.0, 0.0, 0.0, 0.0), 100)
     client.cycle((8.0, 0.0, 6.001, 0.0, 0.0, 0.0))
@@ -186,7 +191,7 @@ def test_the_monitor_of_an_axis_ends_rsi() -> None:
     assert hindrance.by_order
 
 
-def test_a_leap_of_an_axis_stops_by_correction() -> None:
+def test_axis_jump_stops_by_correction() -> None:
     step = MODELS["kr16-2"].axis_speeds_deg_s[0] * 0.004
     client = AxisClient()
     client.cycle((0.0,) * 6)
@@ -196,7 +201,7 @@ def test_a_leap_of_an_axis_stops_by_correction() -> None:
     assert client.robot.error == TOO_FAST
 
 
-def test_a_correction_beyond_the_range_of_an_axis_stops_the_robot() -> None:
+def test_correction_beyond_axis_range_stops_robot() -> None:
     client = AxisClient(restart_s=1.0)
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
     beyond = MODELS["kr16-2"].highest_deg[2] - start[2] + 0.01
@@ -215,7 +220,7 @@ def test_a_correction_beyond_the_range_of_an_axis_stops_the_robot() -> None:
     assert axes_in(telegram, "ASPos")[2] > start[2] + beyond / 2
 
 
-def test_a_pose_out_of_reach_stops_the_robot() -> None:
+def test_pose_out_of_reach_stops_robot() -> None:
     client = AxisClient(lim_mm=3000.0, mon_mm=3000.0, max_step_mm=10.0)
     for k in range(1, 300):
         telegram = client.listen()
@@ -227,21 +232,21 @@ def test_a_pose_out_of_reach_stops_the_robot() -> None:
     assert client.robot.error == OUT_OF_REACH
 
 
-def test_either_name_drives_the_axes_and_others_are_told() -> None:
+def test_both_axis_tags_act_and_others_are_reported() -> None:
     client = AxisClient("AKorr")
-    moved = client.go((3.0, 0.0, 0.0, 0.0, 0.0, 0.0), 50)
-    start = axes_in(moved, "ASPos")
-    assert axes_in(moved, "AIPos")[0] - start[0] == pytest.approx(3.0, abs=2e-3)
+    reply = client.go((3.0, 0.0, 0.0, 0.0, 0.0, 0.0), 50)
+    start = axes_in(reply, "ASPos")
+    assert axes_in(reply, "AIPos")[0] - start[0] == pytest.approx(3.0, abs=2e-3)
     assert not client.robot.unmodelled.things
     client.cycle((3.0, 0.0, 0.0, 0.0, 0.0, 0.0), **{"EK.E1": "1", "AK.A1": "3.1"})
     assert [thing.thing for thing in client.robot.unmodelled.things] == ["tag EK.E1"]
     for _ in range(100):
-        moved = client.cycle((3.0, 0.0, 0.0, 0.0, 0.0, 0.0), **{"AK.A1": "3.1"})
-    assert axes_in(moved, "AIPos")[0] - start[0] == pytest.approx(3.1, abs=2e-3)
+        reply = client.cycle((3.0, 0.0, 0.0, 0.0, 0.0, 0.0), **{"AK.A1": "3.1"})
+    assert axes_in(reply, "AIPos")[0] - start[0] == pytest.approx(3.1, abs=2e-3)
 
 
-def test_a_force_on_the_tool_is_felt_in_the_axes() -> None:
-    """A push of 10 N upwards: its torque at axis 2 is its lever arm, at axis 1 it is nothing."""
+def test_tool_force_appears_in_axis_torques() -> None:
+    """A push of 10 N upwards: its torque at axis 2 is given by its lever arm; at axis 1 it is zero."""
     client = AxisClient(send=("DEF_AIPos", *axis_tags("GearTorque"), "OvPro.R", "ProgStatus.R", "DEF_MACur"))
     client.robot.feel(lambda at: (0.0, 0.0, 10.0))
     telegram = client.cycle((0.0,) * 6)
@@ -254,43 +259,43 @@ def test_a_force_on_the_tool_is_felt_in_the_axes() -> None:
     assert axes_in(telegram, "MACur") == [0.0] * 6
 
 
-def test_orders_of_axes_are_heard_as_places() -> None:
+def test_axis_orders_are_reported_as_poses() -> None:
     client = AxisClient()
-    heard: list[ReceivedOrder] = []
-    client.robot.orders.listener = heard.append
+    received: list[ReceivedOrder] = []
+    client.robot.orders.listener = received.append
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
     client.cycle((0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert [order.act for order in heard] == [Act.MOTION] * 2
+    assert [order.act for order in received] == [Act.MOTION] * 2
     a, *rest = start
     b, c, d, e, f = rest
-    begin, moved = (order.pose for order in heard)
+    begin, end = (order.pose for order in received)
     assert begin is not None
-    assert moved is not None
+    assert end is not None
     assert begin.position == pytest.approx(START.position, abs=1e-9)
     place = KukaArm("kr16-2", 0.0).pose((a + 0.1, b, c, d, e, f)).position
-    assert moved.position == pytest.approx(place, abs=1e-6)
-    assert moved.position != pytest.approx(START.position, abs=1e-4)
-    assert heard[1].reach is not None
-    assert 0.0 < heard[1].reach.speed_m_s * heard[1].reach.cycle_s < 0.25
+    assert end.position == pytest.approx(place, abs=1e-6)
+    assert end.position != pytest.approx(START.position, abs=1e-4)
+    assert received[1].reach is not None
+    assert 0.0 < received[1].reach.speed_m_s * received[1].reach.cycle_s < 0.25
 
 
 @pytest.mark.parametrize("fault", ["nan", "missing", "offset"])
-def test_faults_of_the_told_pose_reach_the_axes(fault: str) -> None:
+def test_pose_faults_apply_to_axes(fault: str) -> None:
     client = AxisClient()
     healthy = axes_in(client.cycle((0.0,) * 6), "AIPos")
     values = {"y_mm": 50.0} if fault == "offset" else {}
     client.ledger.inject("pose", fault, client.now, values)
-    told = client.cycle((0.0,) * 6).values
+    reported = client.cycle((0.0,) * 6).values
     if fault == "missing":
-        assert "AIPos.A1" not in told
-        assert "ASPos.A1" in told
+        assert "AIPos.A1" not in reported
+        assert "ASPos.A1" in reported
     elif fault == "nan":
-        assert told["AIPos.A1"] == "NaN"
+        assert reported["AIPos.A1"] == "NaN"
     else:
-        assert abs(float(told["AIPos.A1"]) - healthy[0]) > 2.0
+        assert abs(float(reported["AIPos.A1"]) - healthy[0]) > 2.0
 
 
-def test_a_lost_answer_leaves_the_axes_where_they_are() -> None:
+def test_lost_answer_keeps_axes() -> None:
     client = AxisClient()
     before = client.go((4.0, 0.0, 0.0, 0.0, 0.0, 0.0), 50)
     for _ in range(50):

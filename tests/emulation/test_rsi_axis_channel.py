@@ -1,4 +1,6 @@
-"""Our client on a program that takes corrections of axes alone: straight ways, singularities, ends, a wrong arm."""
+"""Tests of our client with a program that accepts only axis corrections: straight lines, singularities, limits, a wrong
+arm.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -19,12 +21,12 @@ from protocol.robot import ReportReceived, StreamLost, StreamNotice
 T0 = 1000.0
 TOOL_M = 0.2
 AXES_ONLY = {"move_after_ms": 0.0, "restart_s": 0.0, "correction_tag": "None", "axis_tags": ("AK",)}
-"""A signal flow without POSCORR."""
+"""Signal flow without POSCORR."""
 
 
 @dataclass
 class Drive:
-    """A client that takes the robot along a course, one set point a cycle."""
+    """Client that moves the robot along a path, one set point per cycle."""
 
     axes: Joints = (0.0, -90.0, 90.0, 0.0, 90.0, 0.0)
     link: dict[str, Any] = field(default_factory=dict)
@@ -68,22 +70,24 @@ class Drive:
         self.robot.endpoint.receive(self.sent, due + 0.001)
         self.poses.append(self.robot.ordered_pose)
 
-    def go(self, way_mm: tuple[float, float, float], turn_deg: float = 0.0, cycles: int = 500) -> Pose:
-        """Along a straight way, with a turn about the base's y axis, in as many cycles; then a few more."""
+    def go(self, offset_mm: tuple[float, float, float], turn_deg: float = 0.0, cycles: int = 500) -> Pose:
+        """Move along a straight line, with a turn about the base's y axis, in this many cycles; then run a few more."""
         axis = (0.0, math.copysign(1.0, turn_deg), 0.0)
         target = self.start
         for number in range(1, cycles + 101):
             share = min(1.0, number / cycles)
-            x, y, z = (at + share * way * 1e-3 for at, way in zip(self.start.position, way_mm, strict=True))
+            x, y, z = (
+                at + share * offset * 1e-3 for at, offset in zip(self.start.position, offset_mm, strict=True)
+            )
             turn = turn_about(axis, math.radians(abs(turn_deg) * share))
             target = Pose((x, y, z), product(turn, self.start.quaternion))
             self.cycle(target)
         return target
 
-    def off_the_way_mm(self, way_mm: tuple[float, float, float]) -> float:
-        """Farthest that an ordered pose lay beside the straight way, mm."""
-        length = math.hypot(*way_mm)
-        along = [part / length for part in way_mm]
+    def path_deviation_mm(self, offset_mm: tuple[float, float, float]) -> float:
+        """Return the largest distance of an ordered pose from the straight line, mm."""
+        length = math.hypot(*offset_mm)
+        along = [part / length for part in offset_mm]
         farthest = 0.0
         for pose in self.poses:
             gone = [(to - at) * 1e3 for to, at in zip(pose.position, self.start.position, strict=True)]
@@ -93,13 +97,13 @@ class Drive:
         return farthest
 
 
-def test_the_tool_goes_straight_and_turns_by_corrections_of_axes_alone() -> None:
+def test_axis_corrections_move_tool_straight_and_turn_it() -> None:
     drive = Drive()
     target = drive.go((40.0, -60.0, -30.0), turn_deg=10.0)
     ordered = drive.robot.ordered_pose
     assert math.dist(ordered.position, target.position) < 1e-6
     assert angle_between(ordered.quaternion, target.quaternion) < 1e-6
-    assert drive.off_the_way_mm((40.0, -60.0, -30.0)) < 0.01
+    assert drive.path_deviation_mm((40.0, -60.0, -30.0)) < 0.01
     assert not drive.notices
     assert not drive.faults
     (raw,) = drive.sent
@@ -107,49 +111,51 @@ def test_the_tool_goes_straight_and_turns_by_corrections_of_axes_alone() -> None
 
 
 @pytest.mark.parametrize(
-    "way_mm", [(0.0, 30.0, 0.0), (0.0, 30.0, -10.0), (30.0, 0.5, 0.0), (-40.0, 2.0, -20.0)]
+    "offset_mm", [(0.0, 30.0, 0.0), (0.0, 30.0, -10.0), (30.0, 0.5, 0.0), (-40.0, 2.0, -20.0)]
 )
-def test_next_to_a_singularity_of_the_wrist_the_tool_is_on_its_way_or_stands(
-    way_mm: tuple[float, float, float],
+def test_tool_near_wrist_singularity_stays_on_path(
+    offset_mm: tuple[float, float, float],
 ) -> None:
-    """Axis 5 begins at half a degree: a way to the side asks axis 4 for a quarter of a turn at once."""
+    """Axis 5 begins at half a degree: a sideways motion requires a quarter turn of axis 4 at once."""
     drive = Drive(axes=(0.0, -80.0, 100.0, 0.0, 0.5, 0.0))
-    drive.go(way_mm)
-    assert drive.off_the_way_mm(way_mm) < 0.02
+    drive.go(offset_mm)
+    assert drive.path_deviation_mm(offset_mm) < 0.02
     assert drive.robot.state is State.MOVECORR, "no axis was asked for more than it can"
 
 
-def test_a_way_through_the_flip_of_the_wrist_is_slow_then_stands_and_is_told() -> None:
-    """Axis 4 stands aside: the turn asks it for a quarter of a turn while axis 5 is near zero."""
+def test_wrist_flip_slows_then_stops_with_report() -> None:
+    """The turn requires a quarter turn of axis 4 while axis 5 is near zero."""
     drive = Drive(axes=(0.0, -80.0, 100.0, 90.0, 2.0, -90.0))
     drive.go((0.0, 0.0, 0.0), turn_deg=20.0, cycles=100)
     (notice,) = drive.notices
-    assert notice.startswith("axis 6 would turn by 14° in a cycle, allowed are 0.4°: a singularity is near")
-    assert drive.off_the_way_mm((0.0, 0.0, 1.0)) < 0.02
+    assert notice.startswith(
+        "axis 6 would turn by 14° in a cycle; allowed: at most 0.4°: a singularity is near"
+    )
+    assert drive.path_deviation_mm((0.0, 0.0, 1.0)) < 0.02
     assert drive.robot.state is State.MOVECORR
     assert not drive.faults
 
 
-def test_an_axis_at_the_end_of_its_range_stands_and_is_told() -> None:
+def test_axis_at_range_limit_stops_with_report() -> None:
     drive = Drive(axes=(0.0, -90.0, 90.0, 0.0, 129.0, 0.0))
     drive.go((0.0, 0.0, 0.0), turn_deg=10.0)
-    assert drive.notices == ["no axes of a kr16-2 hold the tool there"]
-    assert drive.off_the_way_mm((0.0, 0.0, 1.0)) < 0.02
+    assert drive.notices == ["no axes of a kr16-2 reach that pose"]
+    assert drive.path_deviation_mm((0.0, 0.0, 1.0)) < 0.02
     assert drive.robot.state is State.MOVECORR
 
 
-def test_the_sum_of_an_axis_is_bounded_and_told() -> None:
+def test_sum_of_axis_is_bounded_with_report() -> None:
     drive = Drive(link={"limit_axis_deg": 2.0})
     drive.go((0.0, 100.0, 0.0))
     (notice,) = drive.notices
     assert notice.startswith("axis 1 would be 2.0")
-    assert notice.endswith("beside the robot's program, allowed are 2°")
+    assert notice.endswith("away from the robot's program; allowed: at most 2°")
     assert abs(drive.robot.ordered_pose.position[1]) < 0.1
-    assert drive.off_the_way_mm((0.0, 100.0, 0.0)) < 0.02
+    assert drive.path_deviation_mm((0.0, 100.0, 0.0)) < 0.02
 
 
 @pytest.mark.parametrize("element", ["RSol", "AIPos", "ASPos"])
-def test_a_telegram_without_what_the_kinematics_need_is_named(element: str) -> None:
+def test_telegram_without_kinematics_data_is_named(element: str) -> None:
     send = tuple(f"DEF_{name}" for name in ("RIst", "RSol", "AIPos", "ASPos") if name != element)
     drive = Drive(cell={"send": send})
     x, y, z = drive.start.position
@@ -159,8 +165,8 @@ def test_a_telegram_without_what_the_kinematics_need_is_named(element: str) -> N
     assert drive.robot.ordered_pose == drive.poses[0]
 
 
-def test_another_base_or_arm_shows_when_the_robot_moves() -> None:
-    """The program's base is turned by 90° about z: the robot goes aside, and is stopped by that."""
+def test_wrong_base_or_arm_is_detected_in_motion() -> None:
+    """The program's base is turned by 90° about z: the robot moves sideways, and is stopped by that."""
 
     def turned(raw: bytes) -> bytes:
         telegram = decode(raw)
@@ -176,12 +182,12 @@ def test_another_base_or_arm_shows_when_the_robot_moves() -> None:
     for number in range(300):
         x, y, z = drive.start.position
         drive.cycle(Pose((x + number * 1e-4, y, z), drive.start.quaternion), turned)
-    assert "mm beside its pose, by the sizes of a kr16-2" in drive.faults[0]
+    assert "mm away from its pose, by the dimensions of a kr16-2" in drive.faults[0]
     gone = math.dist(drive.robot.ordered_pose.position, drive.arm.pose(drive.axes).position)
     assert 0.5e-3 < gone < 5e-3
 
 
-def test_a_program_whose_axes_are_no_numbers_moves_nothing() -> None:
+def test_non_finite_axes_move_nothing() -> None:
     drive = Drive()
     for number in range(50):
         x, y, z = drive.start.position
@@ -189,15 +195,15 @@ def test_a_program_whose_axes_are_no_numbers_moves_nothing() -> None:
             Pose((x, y, z - number * 1e-4), drive.start.quaternion),
             lambda raw: raw.replace(b'A1="', b'A1="x'),
         )
-    assert set(drive.faults) == {"its axes are told as no numbers"}
+    assert set(drive.faults) == {"its axes are not numeric"}
     assert drive.robot.ordered_pose == drive.poses[0]
 
 
 @pytest.mark.parametrize("channel", ["pose", "axes"])
-def test_a_tool_that_is_turned_in_its_place_stays_so_when_the_clock_jumps(
+def test_turned_tool_keeps_orientation_at_clock_jump(
     channel: Literal["pose", "axes"],
 ) -> None:
-    """Its point is where the program began, and the correction is none the less: the next answer once was zero."""
+    """Its position is where the program began, but the correction is not zero; the next answer once was zero."""
     drive = Drive(channel=channel)
     target = drive.go((0.0, 0.0, 0.0), turn_deg=8.0)
     ledger = Ledger(RSI_FAULTS)

@@ -1,4 +1,4 @@
-"""Client and controller of RSI over a bad network: set point and robot stay together, whatever is lost or repeated."""
+"""Tests of RSI client and controller over a bad network: set point and robot stay together despite losses."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,13 +21,13 @@ STEP_MM = 0.1
 
 @dataclass
 class Pair:
-    """A client that steers down by 0.1 mm a cycle at most, and its controller."""
+    """Client that steers down by at most 0.1 mm per cycle, and its controller."""
 
     mode: Any = "relative"
     channel: Any = "pose"
     goal_mm: float = -8.0
     at_mm: float = 0.0
-    """Set point."""
+    """Set point, mm."""
     lost: bool = False
     corrections: list[float] = field(default_factory=list)
 
@@ -41,11 +41,13 @@ class Pair:
 
     @property
     def down_mm(self) -> float:
-        """Height of the pose that the robot was ordered to, above the start."""
+        """Return the height of the ordered pose above the start, mm."""
         return (self.robot.ordered_pose.position[2] - START.position[2]) * 1e3
 
     def cycle(self, telegrams: int = 1, answers: int = 1, late: bool = False) -> None:
-        """One cycle, with so many copies of the telegram and of the answer; a late answer comes in the next cycle."""
+        """Run one cycle, with these numbers of copies of the telegram and of the answer; a late answer comes in the
+        next cycle.
+        """
         due = self.robot.endpoint.next_deadline()
         assert due is not None
         self.robot.endpoint.handle_deadline(due)
@@ -77,8 +79,8 @@ class Pair:
                     continue
                 if not event.report.fault and event.report.sequence > self.newest:
                     self.newest = event.report.sequence
-                    way = self.goal_mm - self.at_mm
-                    self.at_mm += max(-STEP_MM, min(STEP_MM, way))
+                    remaining = self.goal_mm - self.at_mm
+                    self.at_mm += max(-STEP_MM, min(STEP_MM, remaining))
                 self.client.target(Pose((0.6, 0.0, 0.5 + self.at_mm * 1e-3), START.quaternion), self.now)
         return list(self.client.data_to_send(self.now))
 
@@ -89,9 +91,7 @@ MODES = pytest.mark.parametrize("mode", ["relative", "absolute"])
 
 @CHANNELS
 @MODES
-def test_on_a_good_network_the_robot_is_where_the_set_point_was_a_cycle_before(
-    mode: str, channel: str
-) -> None:
+def test_robot_follows_set_point_one_cycle_later(mode: str, channel: str) -> None:
     pair = Pair(mode, channel)
     before = 0.0
     for _ in range(100):
@@ -112,7 +112,7 @@ COPIES = st.sampled_from([1, 1, 1, 1, 0, 2, 3])
     st.sampled_from(["pose", "axes"]),
     st.lists(st.tuples(COPIES, COPIES, st.sampled_from([False, False, False, True])), max_size=80),
 )
-def test_whatever_is_lost_late_or_repeated_the_robot_never_goes_beyond_and_arrives(
+def test_bad_network_causes_no_overshoot(
     mode: str, channel: str, course: list[tuple[int, int, bool]]
 ) -> None:
     pair = Pair(mode, channel)
@@ -131,7 +131,7 @@ def test_whatever_is_lost_late_or_repeated_the_robot_never_goes_beyond_and_arriv
 
 @CHANNELS
 @MODES
-def test_a_client_that_falls_silent_leaves_the_robot_where_it_was(mode: str, channel: str) -> None:
+def test_silent_client_leaves_robot_in_place(mode: str, channel: str) -> None:
     pair = Pair(mode, channel)
     for _ in range(30):
         pair.cycle()

@@ -1,4 +1,4 @@
-"""The emulated arm of Universal Robots: external forces, kinematics, servoing and the path."""
+"""Tests of the emulated arm of Universal Robots: external forces, kinematics, servoing and the path."""
 
 import math
 from dataclasses import replace
@@ -23,18 +23,18 @@ from tests.emulation.rtde_desk import DT, START, T0, Desk, inputs_of, outputs_of
 # --- external forces
 
 
-def test_an_external_force_comes_out_along_the_base_axes() -> None:
+def test_external_force_is_reported_along_base_axes() -> None:
     desk = Desk()
     feeder, reader = desk.plug(), desk.plug()
     recipe = inputs_of(feeder, "external_force_torque")
     desk.upload(force_program_text(hold=True))
     desk.run(0.06)
-    shown = outputs_of(reader, "actual_TCP_force", "ft_raw_wrench", "tcp_force_scalar")
+    displayed = outputs_of(reader, "actual_TCP_force", "ft_raw_wrench", "tcp_force_scalar")
     reader.ask(packets.encode(Kind.START))
     for _ in range(10):
         feeder.send(recipe.pack(1.0, 2.0, -12.5, 0.1, 0.2, 0.3))
         desk.run(DT)
-    last = values_of(reader, shown)[-1]
+    last = values_of(reader, displayed)[-1]
     assert last["actual_TCP_force"] == pytest.approx((1.0, -2.0, 12.5, 0.5, 0.0, -0.3), abs=1e-9)
     assert last["ft_raw_wrench"] == (1.0, 2.0, -12.5, 0.1, 0.2, 0.3)
     desk.run(0.2)
@@ -46,19 +46,19 @@ def test_an_external_force_comes_out_along_the_base_axes() -> None:
     assert desk.controller.io.inputs["external_force_torque"] == (0.0, 0.0, -300.0, 0.0, 0.0, 0.0)
 
 
-def test_a_pure_force_at_the_tip_has_no_moment_about_the_tip() -> None:
+def test_pure_force_at_tip_has_no_moment_about_tip() -> None:
     desk = Desk(replace(EXACT, force_point="tcp"))
     feeder, reader = desk.plug(), desk.plug()
     recipe = inputs_of(feeder, "external_force_torque")
     desk.upload(force_program_text(hold=False))
     desk.run(0.06)
-    shown = outputs_of(reader, "actual_TCP_force")
+    displayed = outputs_of(reader, "actual_TCP_force")
     reader.ask(packets.encode(Kind.START))
     force, arm = (3.0, 4.0, -5.0), (0.0, 0.0, 0.2)
     moment = np.cross(arm, force).tolist()
     feeder.send(recipe.pack(*force, *moment))
     desk.run(2 * DT)
-    assert values_of(reader, shown)[-1]["actual_TCP_force"] == pytest.approx(
+    assert values_of(reader, displayed)[-1]["actual_TCP_force"] == pytest.approx(
         (3.0, -4.0, 5.0, 0, 0, 0), abs=1e-9
     )
 
@@ -66,7 +66,7 @@ def test_a_pure_force_at_the_tip_has_no_moment_about_the_tip() -> None:
 # --- arm and kinematics
 
 
-def test_the_guides_lengths_give_poses_worked_out_elsewhere() -> None:
+def test_poses_match_independent_calculation() -> None:
     arm = ARMS["ur5e"]
     pose = six_of(flange(arm, (0.1, -1.2, 1.6, -1.9, -1.5, 0.3)))
     assert pose == pytest.approx((-0.590618, -0.200310, 0.299733, 2.358483, 1.923433, 0.030280), abs=1e-6)
@@ -74,13 +74,13 @@ def test_the_guides_lengths_give_poses_worked_out_elsewhere() -> None:
 
 
 @given(st.sampled_from(sorted(ARMS)), st.tuples(*[st.floats(-3.0, 3.0)] * 6))
-def test_every_solution_holds_the_pose(model: str, joints: tuple[float, ...]) -> None:
+def test_every_solution_holds_pose(model: str, joints: tuple[float, ...]) -> None:
     arm = ARMS[model]
     a, b, c, d, e, f = joints
     near = (a, b, c, d, e, f)
     pose = flange(arm, near)
-    for found in solutions(arm, pose, near):
-        again = flange(arm, found)
+    for result in solutions(arm, pose, near):
+        again = flange(arm, result)
         assert math.dist(again.position, pose.position) < 1e-6
         dot = sum(p * q for p, q in zip(again.quaternion, pose.quaternion, strict=True))
         assert abs(dot) == pytest.approx(1.0, abs=1e-9)
@@ -92,17 +92,17 @@ def test_every_solution_holds_the_pose(model: str, joints: tuple[float, ...]) ->
     st.tuples(*[st.floats(-3.0, 3.0)] * 6),
     st.tuples(*[st.floats(-1.2, 1.2)] * 6),
 )
-def test_the_nearest_solution_is_the_nearest_of_all(
-    model: str, joints: tuple[float, ...], way: tuple[float, ...]
+def test_nearest_solution_is_minimal(
+    model: str, joints: tuple[float, ...], displacement: tuple[float, ...]
 ) -> None:
     arm = ARMS[model]
-    a, b, c, d, e, f = (joint + part**5 for joint, part in zip(joints, way, strict=True))
+    a, b, c, d, e, f = (joint + part**5 for joint, part in zip(joints, displacement, strict=True))
     near = (a, b, c, d, e, f)
     pose = flange(arm, joints)
-    found = nearest(arm, pose, near)
+    result = nearest(arm, pose, near)
     distances = [math.dist(each, near) for each in solutions(arm, pose, near)]
-    assert (found is None) == (not distances)
-    assert found is None or math.dist(found, near) == min(distances)
+    assert (result is None) == (not distances)
+    assert result is None or math.dist(result, near) == min(distances)
 
 
 # Times and places that the specification's model gives: 20, 50, 100, 200 and 400 ms after a step of 1.
@@ -115,9 +115,7 @@ STEPS = [
 
 
 @pytest.mark.parametrize(("lookahead", "gain", "places"), STEPS)
-def test_servoj_answers_a_step_as_the_model_says(
-    lookahead: float, gain: float, places: tuple[float, ...]
-) -> None:
+def test_servoj_step_response_matches_model(lookahead: float, gain: float, places: tuple[float, ...]) -> None:
     arm = JointArm((0.0,) * 6, DT, 1.0, 4.0)
     at = []
     for _ in range(200):
@@ -127,13 +125,13 @@ def test_servoj_answers_a_step_as_the_model_says(
     assert [at[round(ms / 2) - 1] for ms in (20, 50, 100, 200, 400)] == pytest.approx(places, abs=1e-4)
 
 
-def test_a_start_out_of_reach_is_refused() -> None:
+def test_start_out_of_reach_is_refused() -> None:
     with pytest.raises(ValueError, match="a ur5e cannot hold its tool at the start"):
         RtdeRobot(replace(EXACT, model="ur5e"), START, T0, 7)
 
 
 @pytest.mark.parametrize("model", ["ur5e", "ur5"])
-def test_refused_start_names_one_that_the_arm_holds(model: str) -> None:
+def test_refused_start_suggests_reachable_one(model: str) -> None:
     profile = RtdeProfile(model=model)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="set start_position_mm") as refused:
         RtdeRobot(profile, START, T0, 7)
@@ -145,17 +143,17 @@ def test_refused_start_names_one_that_the_arm_holds(model: str) -> None:
         RtdeRobot(profile, START._replace(position=(0.9, -0.1, 3.0)), T0, 7)
 
 
-def test_the_path_is_the_same_however_it_is_read() -> None:
+def test_path_is_independent_of_reads() -> None:
     def path(read: bool) -> list[list[float]]:
         pair = ready(RtdeProfile())
         pair.begin(dx=-0.05)
 
-        def look() -> None:
+        def step_and_read() -> None:
             pair.step()
             if read:
                 pair.robot.path.trajectory(np.linspace(pair.now - 0.02, pair.now, 7))
 
-        pair.run(0.3, look)
+        pair.run(0.3, step_and_read)
         times = np.arange(T0, pair.now, 0.0007)
         places, speeds = pair.robot.path.trajectory(times)
         assert np.abs(np.diff(places, axis=0)).max() < 0.2 * 0.0007

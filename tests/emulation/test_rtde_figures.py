@@ -1,6 +1,6 @@
-"""A recording of the emulated Universal Robot, put through the analysis that gave the figures of real ones.
+"""Tests of a recording of the emulated Universal Robot by the analysis that gave the figures of real ones.
 
-The figures are those of recordings by others; `emulators.devices.rtde.generations` names them. White noise is the
+The figures come from third-party recordings; `emulators.devices.rtde.generations` names them. White noise is the
 standard deviation of the differences of successive samples, divided by √2.
 """
 
@@ -27,10 +27,10 @@ Floats = NDArray[np.float64]
 
 T0 = 1000.25
 START = StartPose((0.4, -0.1, 0.4), (0.05, 0.7, 0.7, 0.05), 0.1)
-"""The tool down, turned; nearer to a half turn about one axis the two others of the rotation vector are noisier."""
+"""Tool down, turned; closer to a half turn about one axis, the two others of the rotation vector are noisier."""
 STEP_RAD = 2.0 * math.pi / 2**19
 SETTLED_S = 0.5
-"""A motion has begun, and its filter has settled."""
+"""Time by which a motion has begun, and its filter has settled."""
 
 SERVO = """
 def wave():
@@ -60,17 +60,17 @@ class Recording(NamedTuple):
 
     period: float
     outputs: dict[str, Floats]
-    """By name, (n, axes)."""
+    """Outputs by name, (n, axes)."""
     arguments: Floats
-    """Joints that the program asks for, (n, 6)."""
+    """Joints requested by the program, (n, 6)."""
 
     def white(self, name: str) -> list[float]:
-        """White noise of each axis of an output."""
+        """Return the white noise of each axis of an output."""
         noise: list[float] = (np.diff(self.outputs[name], axis=0).std(axis=0) / math.sqrt(2.0)).tolist()
         return noise
 
     def moving(self) -> "Recording":
-        """The part in which the motion has settled."""
+        """Return the part in which the motion has settled."""
         begin = round(SETTLED_S / self.period)
         outputs = {name: values[begin:] for name, values in self.outputs.items()}
         return Recording(self.period, outputs, self.arguments[begin:])
@@ -85,7 +85,7 @@ NAMES = (
 
 @cache
 def record(model: str, seconds: float, program: str = "", seed: int = 7) -> Recording:
-    """Outputs of a robot with its usual settings."""
+    """Return outputs of a robot with its default settings."""
     robot = RtdeRobot(RtdeProfile(model=model), START, T0, seed)  # type: ignore[arg-type]
     controller, now = robot.controller, T0
     if program:
@@ -106,7 +106,9 @@ def record(model: str, seconds: float, program: str = "", seed: int = 7) -> Reco
 
 
 def lag(target: Floats, actual: Floats, period: float) -> tuple[float, float]:
-    """By how much one comes behind the other, s, by the shift that leaves least; and that, root mean square."""
+    """Return the delay of one signal behind the other, s, by the best shift, and the remaining difference, root mean
+    square.
+    """
     times, edge = np.arange(len(target)) * period, round(0.1 / period)
     part = slice(edge, -edge)
     shifts = np.arange(-0.01, 0.06, 0.00025)
@@ -116,11 +118,11 @@ def lag(target: Floats, actual: Floats, period: float) -> tuple[float, float]:
 
 
 def within(values: Sequence[float], lowest: float, highest: float, slack: float = 0.05) -> bool:
-    """Whether all values lie in a range of recorded ones, give or take what the length of ours leaves open."""
+    """Return whether all values lie in a range of recorded ones, with a tolerance for the length of ours."""
     return all(lowest * (1.0 - slack) <= value <= highest * (1.0 + slack) for value in values)
 
 
-def test_joints_at_rest_are_told_with_the_noise_and_the_steps_of_real_ones() -> None:
+def test_stationary_joints_have_real_noise_and_steps() -> None:
     rest = record("ur5e", 4.0)
     assert within(rest.white("actual_q"), 15e-6, 24e-6)
     steps = rest.outputs["actual_q"] / STEP_RAD
@@ -132,19 +134,21 @@ def test_joints_at_rest_are_told_with_the_noise_and_the_steps_of_real_ones() -> 
     assert not rest.outputs["actual_TCP_speed"].any()
 
 
-def test_the_pose_at_rest_is_that_of_the_joints_that_are_told() -> None:
+def test_stationary_pose_matches_reported_joints() -> None:
     rest = record("ur5e", 4.0)
     noise = rest.white("actual_TCP_pose")
     assert within(noise[:3], 5e-6, 15e-6)
     assert within(noise[3:], 23e-6, 50e-6)
     controller = RtdeRobot(RtdeProfile(model="ur5e"), START, T0, 7).controller
-    for joints, told in zip(rest.outputs["actual_q"][:5], rest.outputs["actual_TCP_pose"][:5], strict=True):
+    for joints, reported in zip(
+        rest.outputs["actual_q"][:5], rest.outputs["actual_TCP_pose"][:5], strict=True
+    ):
         a, b, c, d, e, f = joints.tolist()
         pose = controller.manipulator.forward((a, b, c, d, e, f))
-        assert pose.position == pytest.approx(pose_of(told.tolist()).position, abs=1e-12)
+        assert pose.position == pytest.approx(pose_of(reported.tolist()).position, abs=1e-12)
 
 
-def test_force_current_and_acceleration_at_rest_have_the_noise_of_real_ones() -> None:
+def test_stationary_force_and_current_have_real_noise() -> None:
     rest = record("ur5e", 4.0)
     force = rest.white("actual_TCP_force")
     ranges = ((0.17, 0.20), (0.13, 0.18), (0.10, 0.12))
@@ -155,7 +159,7 @@ def test_force_current_and_acceleration_at_rest_have_the_noise_of_real_ones() ->
     assert np.abs(rest.outputs["actual_TCP_force"].mean(axis=0)).max() < 4.6
 
 
-def test_a_cb3_is_as_noisy_as_a_cb3() -> None:
+def test_cb3_noise_matches_recording() -> None:
     rest = record("ur5", 4.0)
     force = rest.white("actual_TCP_force")
     assert within(force[:3], 0.24, 1.15)
@@ -166,7 +170,7 @@ def test_a_cb3_is_as_noisy_as_a_cb3() -> None:
 
 
 @pytest.mark.parametrize("seed", [7, 8])
-def test_a_slow_joint_follows_its_target_as_closely_as_a_real_one(seed: int) -> None:
+def test_slow_joint_follow_error_matches_recording(seed: int) -> None:
     """A UR5e at up to 42 mrad/s: -3.0 to 5.5 ms behind, 60 to 120 µrad off, at most 336."""
     slow = record("ur5e", 8.0, SERVO, seed).moving()
     targets, actual = slow.outputs["target_q"], slow.outputs["actual_q"]
@@ -181,8 +185,8 @@ def test_a_slow_joint_follows_its_target_as_closely_as_a_real_one(seed: int) -> 
     assert force == pytest.approx((0.34, 0.20, 0.13, 0.007, 0.015, 0.011), rel=0.1)
 
 
-def test_a_fast_joint_is_farther_off_its_target() -> None:
-    """A UR10e under speedj at up to 1.7 rad/s: 0.1 mrad, and 0.2 to 0.7 mrad of most joints."""
+def test_fast_joint_follow_error_is_larger() -> None:
+    """A UR10e under speedj at up to 1.7 rad/s: 0.1 mrad, and 0.2 to 0.7 mrad for most joints."""
     fast = record("ur5e", 8.0, SPEED).moving()
     targets, actual = fast.outputs["target_q"], fast.outputs["actual_q"]
     pairs = [lag(to, at, fast.period) for to, at in zip(targets.T, actual.T, strict=True)]
@@ -190,7 +194,7 @@ def test_a_fast_joint_is_farther_off_its_target() -> None:
     assert within([rest for _, rest in pairs], 0.2e-3, 0.7e-3)
 
 
-def test_what_is_off_the_target_is_slow() -> None:
+def test_follow_error_changes_slowly() -> None:
     """Recorded: correlated by 0.95 to 0.83 after 10 ms, by 0.63 to 0.32 after 50, by 0.1 after 100."""
     slow = record("ur5e", 8.0, SERVO).moving()
     off = slow.outputs["actual_q"][1:] - slow.outputs["target_q"][:-1]
@@ -204,31 +208,33 @@ def test_what_is_off_the_target_is_slow() -> None:
     assert within(slow.white("actual_qd"), 0.76e-3, 1.42e-3)
 
 
-def test_a_joint_that_stands_comes_to_its_target_and_one_that_brakes_hold_does_not() -> None:
+def test_braked_joint_does_not_reach_target() -> None:
     """Before its motion the recorded UR5e stood within 40 µrad of its targets, with the noise of its encoders."""
-    stands, held = (RtdeRobot(RtdeProfile(model="ur5e"), START, T0, 7).controller for _ in ("stands", "held"))
-    for controller in (stands, held):
+    stopped, braked = (
+        RtdeRobot(RtdeProfile(model="ur5e"), START, T0, 7).controller for _ in ("stands", "held")
+    )
+    for controller in (stopped, braked):
         controller.start_program(lambda controller=controller: Wave(controller))  # type: ignore[misc]
         controller.advance(T0 + 2.0)
-    stands.player.stop(stands.now)
-    held.power_off()
-    for controller in (stands, held):
+    stopped.player.stop(stopped.now)
+    braked.power_off()
+    for controller in (stopped, braked):
         controller.advance(T0 + 4.0)
     apart = [
         math.dist(
             controller.path.pose.position, controller.manipulator.forward(controller.arm.joints).position
         )
-        for controller in (stands, held)
+        for controller in (stopped, braked)
     ]
     assert apart[0] < 1e-9
     assert apart[1] > 1e-6
-    place = held.path.pose
-    held.advance(T0 + 5.0)
-    assert held.path.pose == place
+    place = braked.path.pose
+    braked.advance(T0 + 5.0)
+    assert braked.path.pose == place
 
 
 class Wave:
-    """A program that swings the joints."""
+    """Program that makes the joints oscillate."""
 
     name = "wave"
 
@@ -237,16 +243,16 @@ class Wave:
 
     def cycle(self) -> bool:
         self._cycle += 1
-        way = 0.02 * math.sin(2.0 * math.pi * self._cycle * self._controller.period / 3.0)
-        a, b, c, d, e, f = (joint + way for joint in self._start)
+        offset = 0.02 * math.sin(2.0 * math.pi * self._cycle * self._controller.period / 3.0)
+        a, b, c, d, e, f = (joint + offset for joint in self._start)
         self._controller.order(Servo((a, b, c, d, e, f), 0.03, 1000.0, 1))
         return True
 
     def close(self) -> None:
-        """It has nothing to close."""
+        """Do nothing: there is nothing to close."""
 
 
-def test_from_servojs_argument_to_the_arm_it_takes_as_long_as_on_a_real_one() -> None:
+def test_servoj_delay_matches_recording() -> None:
     """34 ms of a UR10e with a look-ahead of 30 ms, of which 4 to 6 ms are the link and the program."""
     slow = record("ur5e", 8.0, SERVO).moving()
     argument, actual = slow.arguments[:, 0], slow.outputs["actual_q"][:, 0]
@@ -261,21 +267,21 @@ def test_from_servojs_argument_to_the_arm_it_takes_as_long_as_on_a_real_one() ->
 @pytest.mark.parametrize(
     ("value", "rate"), [("target_q", "target_qd"), ("target_qd", "target_qdd")], ids=["speed", "acceleration"]
 )
-def test_targets_belong_together(value: str, rate: str) -> None:
+def test_targets_are_consistent(value: str, rate: str) -> None:
     slow = record("ur5e", 8.0, SERVO).moving()
     changes = np.diff(slow.outputs[value], axis=0) / slow.period
     assert np.abs(changes - slow.outputs[rate][1:]).max() < 1e-9
 
 
-def test_the_speeds_of_the_tool_are_those_of_its_poses() -> None:
+def test_tool_speeds_match_poses() -> None:
     slow = record("ur5e", 8.0, SERVO).moving()
     for name, noise in (("target", 1e-6), ("actual", 5e-3)):
         poses, speeds = slow.outputs[f"{name}_TCP_pose"], slow.outputs[f"{name}_TCP_speed"]
-        way = poses[-1, :3] - poses[0, :3]
-        assert speeds[1:, :3].sum(axis=0) * slow.period == pytest.approx(way, abs=noise)
+        displacement = poses[-1, :3] - poses[0, :3]
+        assert speeds[1:, :3].sum(axis=0) * slow.period == pytest.approx(displacement, abs=noise)
 
 
-def test_the_target_answers_speedj_one_cycle_after_the_command() -> None:
+def test_target_follows_speedj_one_cycle_later() -> None:
     robot = RtdeRobot(RtdeProfile(model="ur5e", start_delay_ms=0.0), START, T0, 7)
     controller = robot.controller
     text = (
@@ -293,7 +299,7 @@ def test_the_target_answers_speedj_one_cycle_after_the_command() -> None:
 
 
 def _first_cycle(controller: Controller, holds: Callable[[], bool]) -> float:
-    """The controller's clock in the first cycle in which it holds, s."""
+    """Return the controller's clock in the first cycle in which the condition is true, s."""
     for _ in range(20):
         controller.advance(controller.now + controller.period)
         if holds():
@@ -301,7 +307,7 @@ def _first_cycle(controller: Controller, holds: Callable[[], bool]) -> float:
     raise AssertionError("it never holds")
 
 
-def test_the_same_seed_gives_the_same_recording_and_another_seed_another() -> None:
+def test_recording_follows_seed() -> None:
     one, again, other = (record.__wrapped__("ur5e", 1.0, SERVO, seed) for seed in (7, 7, 9))
     for name in NAMES:
         assert np.array_equal(one.outputs[name], again.outputs[name])

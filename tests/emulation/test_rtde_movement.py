@@ -1,4 +1,4 @@
-"""Our client at the emulated controller of Universal Robots: movements, and stops and faults in the midst of them."""
+"""Tests of our client at the emulated controller of Universal Robots: movements, with stops and faults during them."""
 
 import math
 import struct
@@ -24,7 +24,7 @@ from tests.emulation.exact_arm import EXACT
 from tests.emulation.rtde_desk import CONTROL, DT, START, Desk, Pair, inputs_of, outputs_of, ready, values_of
 
 
-def test_our_client_comes_to_its_stream_and_is_answered_each_cycle() -> None:
+def test_client_starts_stream_and_is_answered_each_cycle() -> None:
     pair = ready()
     assert not pair.lost
     assert pair.controller.player.program is not None
@@ -37,7 +37,7 @@ def test_our_client_comes_to_its_stream_and_is_answered_each_cycle() -> None:
     assert pair.reports[-1].received_at - pair.reports[-1].pose_at == pytest.approx(DT)
 
 
-def test_the_first_package_orders_nothing_and_goes_before_the_program() -> None:
+def test_first_package_precedes_program_without_order() -> None:
     pair = Pair()
     pair.controller.io.inputs = {"input_int_register_24": 1, "input_int_register_25": 9}
     pair.pass_time(0.2)
@@ -48,7 +48,7 @@ def test_the_first_package_orders_nothing_and_goes_before_the_program() -> None:
     assert pair.place == pytest.approx(START.position, abs=1e-9)
 
 
-def test_the_arm_follows_within_the_models_lag_and_stands_after_the_end() -> None:
+def test_arm_follows_within_model_lag() -> None:
     pair = ready()
     pair.begin(dx=-0.05)
     pair.pass_time(0.4)
@@ -57,31 +57,31 @@ def test_the_arm_follows_within_the_models_lag_and_stands_after_the_end() -> Non
     assert lag == pytest.approx(0.1 * (0.03 + DT), abs=0.0006)
     pair.end()
     pair.pass_time(0.2)
-    stood = pair.place
-    assert stood == pytest.approx(pair.set_point.position, abs=3e-5)
+    stopped_at = pair.place
+    assert stopped_at == pytest.approx(pair.set_point.position, abs=3e-5)
     assert pair.controller.io.outputs["output_int_register_24"] == 1
     pair.pass_time(0.5)
-    assert pair.place == stood
+    assert pair.place == stopped_at
     assert pair.fault == ""
     pair.begin(dz=-0.01)
     pair.pass_time(0.5)
     assert pair.place[2] == pytest.approx(0.59, abs=2e-5)
 
 
-def test_a_client_that_falls_silent_leaves_the_arm_standing_and_the_program_stopped() -> None:
+def test_silent_client_stops_arm_and_program() -> None:
     pair = ready()
     pair.begin(dx=-0.2)
     pair.pass_time(0.3)
     pair.run(0.2)  # the client's process is gone; its connection stands
     assert pair.controller.player.runtime == Runtime.STOPPED
     assert pair.controller.counts["watchdog stop"] == 1
-    stood = pair.place
+    stopped_at = pair.place
     pair.run(1.0)
-    assert pair.place == stood
-    assert 0.0 < START.position[0] - stood[0] < 0.06
+    assert pair.place == stopped_at
+    assert 0.0 < START.position[0] - stopped_at[0] < 0.06
 
 
-def test_targets_that_stop_while_packages_go_on_make_the_program_brake() -> None:
+def test_missing_targets_make_program_brake() -> None:
     pair = ready()
     pair.begin(dx=-0.2)
     pair.pass_time(0.3)
@@ -97,7 +97,7 @@ def test_targets_that_stop_while_packages_go_on_make_the_program_brake() -> None
     assert "no new target for too long" in pair.reports[-1].fault
 
 
-def test_the_program_of_another_client_takes_the_robot_away_and_that_is_told() -> None:
+def test_program_of_other_client_is_reported() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
@@ -105,13 +105,13 @@ def test_the_program_of_another_client_takes_the_robot_away_and_that_is_told() -
     pair.pass_time(0.3)
     assert pair.controller.player.program is not None
     assert pair.controller.player.program.name == "rtde_control"
-    assert pair.fault == "our program was stopped, and another may play; begin again"
-    stood = pair.place
+    assert pair.fault == "our program was stopped, and another one may be playing; begin again"
+    stopped_at = pair.place
     pair.pass_time(0.3)
-    assert pair.place == stood
+    assert pair.place == stopped_at
 
 
-def test_a_farewell_ends_the_program() -> None:
+def test_farewell_ends_program() -> None:
     pair = ready()
     for piece in pair.client.farewell():
         pair.ports[piece.port].send(piece.data)
@@ -120,7 +120,7 @@ def test_a_farewell_ends_the_program() -> None:
     assert pair.controller.io.outputs["output_int_register_24"] == 5
 
 
-def test_a_fault_behind_a_movement_lets_the_arm_settle_no_more() -> None:
+def test_fault_after_movement_keeps_arm_stationary() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.2)
@@ -131,38 +131,38 @@ def test_a_fault_behind_a_movement_lets_the_arm_settle_no_more() -> None:
 
 
 STOPS = [
-    ("robot", "protective-stop", {}, "protective stop; see its cause"),
+    ("robot", "protective-stop", {}, "protective stop; find its cause"),
     ("robot", "emergency-stop", {}, "emergency stop; release it"),
     ("robot", "safeguard-stop", {}, "safeguard stop; close"),
     ("robot", "program-stopped", {}, "our program is stopped"),
     ("robot", "program-paused", {}, "our program is paused"),
     ("robot", "motors-off", {}, "'power off'; power it on"),
-    ("robot", "slider", {"percent": 40.0}, "speed slider stands at 40 %"),
+    ("robot", "slider", {"percent": 40.0}, "speed slider is at 40 %"),
     ("pose", "nan", {}, "it reports the position (nan, nan, nan)"),
 ]
 
 
-@pytest.mark.parametrize(("on", "fault", "values", "words"), STOPS, ids=[stop[1] for stop in STOPS])
-def test_a_stop_is_told_and_nothing_is_ordered_after_it(
-    on: str, fault: str, values: dict[str, object], words: str
+@pytest.mark.parametrize(("on", "fault", "values", "message"), STOPS, ids=[stop[1] for stop in STOPS])
+def test_stop_is_reported_and_ends_orders(
+    on: str, fault: str, values: dict[str, object], message: str
 ) -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
     injection = pair.inject(on, fault, **values)
     pair.pass_time(0.1)
-    assert words in pair.fault
+    assert message in pair.fault
     assert "\n" not in pair.fault
     assert injection.struck >= 1
-    stood = pair.place
+    stopped_at = pair.place
     pair.pass_time(0.3)
-    assert pair.place == stood
+    assert pair.place == stopped_at
     command = struct.unpack(">i", pair.sent[-1][-8:-4])[0]
     assert command == 0
 
 
 # robot_mode, safety_mode, safety_status_bits, robot_status_bits, runtime_state
-SEEN = [
+REPORTED_STOPS = [
     (None, (7, 1, 0x001, 3, 2)),
     ("program-stopped", (7, 1, 0x001, 1, 1)),
     ("program-paused", (7, 1, 0x001, 1, 4)),
@@ -173,24 +173,24 @@ SEEN = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "seen"), SEEN, ids=[str(fault) for fault, _ in SEEN])
-def test_each_stop_is_seen_by_clients_as_the_specification_has_it(
-    fault: str | None, seen: tuple[int, ...]
-) -> None:
+@pytest.mark.parametrize(
+    ("fault", "expected"), REPORTED_STOPS, ids=[str(fault) for fault, _ in REPORTED_STOPS]
+)
+def test_reported_stops_match_specification(fault: str | None, expected: tuple[int, ...]) -> None:
     desk = Desk()
     reader = desk.plug()
     names = ("robot_mode", "safety_mode", "safety_status_bits", "robot_status_bits", "runtime_state")
-    shown = outputs_of(reader, *names)
+    displayed = outputs_of(reader, *names)
     reader.ask(packets.encode(Kind.START))
     desk.upload(CONTROL)
     desk.run(0.06)
     if fault is not None:
         desk.inject("robot", fault)
     desk.run(0.01)
-    assert tuple(values_of(reader, shown)[-1].values()) == seen
+    assert tuple(values_of(reader, displayed)[-1].values()) == expected
 
 
-def test_a_protective_stop_may_end_the_program() -> None:
+def test_protective_stop_may_end_program() -> None:
     desk = Desk(replace(EXACT, on_protective_stop="stopped"))
     desk.upload(CONTROL)
     desk.run(0.06)
@@ -198,23 +198,23 @@ def test_a_protective_stop_may_end_the_program() -> None:
     assert (desk.controller.player.runtime, desk.controller.player.program) == (Runtime.STOPPED, None)
 
 
-def test_a_program_that_is_played_again_finds_no_old_order() -> None:
+def test_replayed_program_has_no_old_order() -> None:
     pair = ready()
     board = pair.plug(Port.DASHBOARD)
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
     pair.inject("robot", "protective-stop")
     pair.pass_time(5.1)
-    stood = pair.place
+    stopped_at = pair.place
     assert board.line("unlock protective stop") == "Protective stop releasing"
     assert board.line("play") == "Starting program"
     pair.pass_time(0.5)
     assert pair.controller.player.runtime == Runtime.PLAYING
-    assert pair.place == stood
+    assert pair.place == stopped_at
     assert pair.fault == ""
 
 
-def test_the_drop_of_all_connections_closes_them_and_the_arm_brakes() -> None:
+def test_dropped_connections_make_arm_brake() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
@@ -225,7 +225,7 @@ def test_the_drop_of_all_connections_closes_them_and_the_arm_brakes() -> None:
     assert pair.controller.manipulator.still
 
 
-def test_a_mute_robot_ends_the_movement_within_a_tenth_of_a_second() -> None:
+def test_mute_robot_ends_movement_within_100_ms() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
@@ -233,10 +233,10 @@ def test_a_mute_robot_ends_the_movement_within_a_tenth_of_a_second() -> None:
     pair.pass_time(0.098)
     assert not pair.lost
     pair.pass_time(0.006)
-    assert "nothing came for 100 ms" in pair.lost[0]
+    assert "nothing received for 100 ms" in pair.lost[0]
 
 
-def test_a_deaf_robot_stops_its_program() -> None:
+def test_deaf_robot_stops_its_program() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
@@ -245,7 +245,7 @@ def test_a_deaf_robot_stops_its_program() -> None:
     assert "our program is stopped" in pair.fault
 
 
-def test_late_and_lost_packets_keep_their_order_and_their_numbers() -> None:
+def test_late_and_lost_packets_keep_order_and_numbers() -> None:
     pair = ready()
     pair.inject("wire", "late", ms=20.0, for_s=0.1, way="from")
     pair.inject("wire", "lost", probability=1.0, count=3, way="from")
@@ -257,7 +257,7 @@ def test_late_and_lost_packets_keep_their_order_and_their_numbers() -> None:
     assert sorted(steps) == [1] * 146 + [4]
 
 
-def test_pose_faults_tell_another_place() -> None:
+def test_pose_faults_change_reported_pose() -> None:
     pair = ready()
     pair.inject("pose", "offset", z_mm=3.0, for_s=0.1)
     pair.pass_time(0.05)
@@ -270,26 +270,24 @@ def test_pose_faults_tell_another_place() -> None:
     assert pair.place[0] == pytest.approx(0.88, abs=1e-4)
 
 
-def test_every_fault_has_a_handler() -> None:
+def test_every_fault_has_handler() -> None:
     handlers = Desk().robot.handlers
     assert {on: set(faults) for on, faults in RTDE_FAULTS.items()} == {
-        on: set(found) for on, found in handlers.items()
+        on: set(result) for on, result in handlers.items()
     }
 
 
 @pytest.mark.parametrize(
-    ("profile", "act", "words"),
+    ("profile", "act", "message"),
     [
         (replace(EXACT, remote_control=False), None, "switch it to Remote Control"),
         (EXACT, ("robot", "motors-off"), "power it on"),
         (EXACT, ("robot", "protective-stop"), "PROTECTIVE_STOP"),
         (EXACT, ("robot", "in-use"), "another client holds its input registers"),
-        (EXACT, ("wire", "mute"), "its dashboard does not answer"),
+        (EXACT, ("wire", "mute"), "its dashboard does not respond"),
     ],
 )
-def test_a_robot_that_is_not_ready_is_told_in_one_line(
-    profile: RtdeProfile, act: tuple[str, str] | None, words: str
-) -> None:
+def test_robot_not_ready_is_reported(profile: RtdeProfile, act: tuple[str, str] | None, message: str) -> None:
     pair = Pair.__new__(Pair)
     Desk.__init__(pair, profile)
     if act is not None:
@@ -300,18 +298,18 @@ def test_a_robot_that_is_not_ready_is_told_in_one_line(
     fresh.ports = {port: fresh.plug(port) for port in CLIENT_PORTS}
     fresh.client = RtdeClient(ClientProfile(), fresh.now)
     fresh.pass_time(3.0)
-    assert words in fresh.lost[0]
+    assert message in fresh.lost[0]
     assert not fresh.reports
 
 
-def test_a_robot_that_answers_and_sends_no_data_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_robot_without_data_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Connection, "_sends", False)
     pair = Pair(EXACT)
     pair.pass_time(3.0)
     assert "it sends no data" in pair.lost[0]
 
 
-def test_a_jump_of_the_target_is_a_protective_stop() -> None:
+def test_target_jump_causes_protective_stop() -> None:
     pair = ready(client=ClientProfile(joint_step_rad=0.3))
     pair.begin()
     pair.speed = 1e3
@@ -323,7 +321,7 @@ def test_a_jump_of_the_target_is_a_protective_stop() -> None:
     assert "protective stop" in pair.fault
 
 
-def test_a_target_that_no_joints_hold_is_refused() -> None:
+def test_target_out_of_reach_is_refused() -> None:
     pair = ready()
     pair.begin()
     pair.speed, pair.goal = 1e9, Pose((5.0, 0.0, 0.5), START.quaternion)
@@ -333,7 +331,7 @@ def test_a_target_that_no_joints_hold_is_refused() -> None:
     assert pair.controller.state.safety == SafetyMode.NORMAL
 
 
-def test_at_the_end_of_its_reach_the_arm_does_not_swing_to_another_posture() -> None:
+def test_arm_at_end_of_reach_keeps_posture() -> None:
     pair = ready()
     pair.begin(dx=0.4, dz=0.3)
     pair.pass_time(4.0)
@@ -344,7 +342,7 @@ def test_at_the_end_of_its_reach_the_arm_does_not_swing_to_another_posture() -> 
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_target_that_is_no_number_is_a_protective_stop(bad: float) -> None:
+def test_nan_target_causes_protective_stop(bad: float) -> None:
     pair = ready()
     recipe = Recipe(1, INPUT_NAMES, EXPECTED[INPUT_NAMES])
     pair.run(DT)
@@ -353,7 +351,7 @@ def test_a_target_that_is_no_number_is_a_protective_stop(bad: float) -> None:
     assert pair.controller.counts["protective stop: a target that is not a number"] == 1
 
 
-def test_too_fast_a_tool_is_a_protective_stop() -> None:
+def test_too_fast_tool_causes_protective_stop() -> None:
     desk = Desk()
     client = desk.plug()
     recipe = inputs_of(client, "input_int_register_0", *(f"input_double_register_{n}" for n in range(8)))

@@ -1,4 +1,4 @@
-"""The primary interface of an emulated controller: what a client is told, and when; local control; silent clients."""
+"""Tests of the primary interface of an emulated controller: messages and their times; local control; silent clients."""
 
 import math
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
 
 class Client:
-    """A connection to a port of a robot, and all that came over it."""
+    """Connection to a port of a robot, and everything received over it."""
 
     def __init__(self, robot: RtdeRobot, now: float = T0, port: Port = Port.PRIMARY) -> None:
         server = robot.connect(port, now)
@@ -39,17 +39,17 @@ class Client:
         self.raw += self.server.data_to_send(end)
         return self
 
-    def say(self, text: str) -> None:
+    def send(self, text: str) -> None:
         self.server.receive(text.encode(), self.now)
         self.raw += self.server.data_to_send(self.now)
 
     def messages(self, kind: MessageKind) -> list[primary.Message]:
-        found = [
+        result = [
             primary.read_message(body)
             for type_, body in primary.split(self.raw)
             if type_ == PacketType.MESSAGE
         ]
-        return [message for message in found if message.kind == kind]
+        return [message for message in result if message.kind == kind]
 
     @property
     def states(self) -> list[dict[Part, dict[str, Any]]]:
@@ -70,7 +70,7 @@ def robot(**profile: Any) -> RtdeRobot:
     return RtdeRobot(RtdeProfile(**profile), START, T0, 7)
 
 
-def test_a_version_comes_first_and_then_ten_states_a_second() -> None:
+def test_version_precedes_ten_states_per_second() -> None:
     client = Client(robot())
     client.raw += client.server.data_to_send(T0)
     (version,) = client.messages(MessageKind.VERSION)
@@ -81,14 +81,14 @@ def test_a_version_comes_first_and_then_ten_states_a_second() -> None:
     assert [*client.states[0]] == list(primary.PARTS)
 
 
-def test_a_process_that_was_late_skips_the_states_that_it_has_missed() -> None:
+def test_late_process_skips_missed_states() -> None:
     client = Client(robot()).wait(0.05)
     client.now += 1.0
     client.wait(0.0)
     assert len(client.states) == 2
 
 
-def test_the_state_is_that_of_the_model() -> None:
+def test_state_matches_model() -> None:
     ur = robot()
     ur.controller.io.slider = 0.4
     ur.controller.io.write_output("actual_digital_output_bits", 5)
@@ -106,7 +106,7 @@ def test_the_state_is_that_of_the_model() -> None:
     assert state[Part.CONFIGURATION]["robot_type"] == 2
 
 
-def test_two_arms_of_a_model_have_one_check_sum_and_two_models_have_two() -> None:
+def test_check_sum_depends_on_model() -> None:
     def sums(ur: RtdeRobot) -> list[float]:
         kinematics = Client(ur).wait(0.1).states[-1][Part.KINEMATICS]
         return [kinematics[f"checksum{n}"] for n in range(6)]
@@ -115,10 +115,10 @@ def test_two_arms_of_a_model_have_one_check_sum_and_two_models_have_two() -> Non
     assert sums(robot()) != sums(robot(model="ur10"))
 
 
-def test_a_program_that_starts_and_ends_is_told_to_each_client() -> None:
+def test_program_start_and_end_are_sent_to_each_client() -> None:
     ur = robot()
     first, second = Client(ur), Client(ur)
-    first.say('def hello():\n  textmsg("it is ", 3)\n  sleep(0.2)\nend\n')
+    first.send('def hello():\n  textmsg("it is ", 3)\n  sleep(0.2)\nend\n')
     first.wait(0.5)
     second.wait(0.5)
     for client in (first, second):
@@ -128,35 +128,35 @@ def test_a_program_that_starts_and_ends_is_told_to_each_client() -> None:
     assert begun.time_ns == pytest.approx((100.0 + 0.05) * 1e9, abs=5e6), "by the controller's clock"
 
 
-def test_an_error_has_its_line_and_comes_before_the_programs_end() -> None:
+def test_error_has_line_and_precedes_end_of_program() -> None:
     client = Client(robot())
-    client.say("def wrong():\n  sleep(0.1)\n  a = [1, 2]\n  b = a[7]\nend\n")
+    client.send("def wrong():\n  sleep(0.1)\n  a = [1, 2]\n  b = a[7]\nend\n")
     client.wait(1.0)
     (error,) = client.messages(MessageKind.RUNTIME_EXCEPTION)
     assert error.body[:8] == b"\0\0\0\4\0\0\0\1"
     assert client.keys()[-1] == b"PROGRAM_XXX_STOPPEDwrong"
-    client.say("def odd(:\nend\n")
+    client.send("def odd(:\nend\n")
     assert len(client.messages(MessageKind.RUNTIME_EXCEPTION)) == 2
 
 
-def test_a_name_that_is_not_known_has_its_line_and_column() -> None:
-    """As a test of Universal Robots' C++ client library expects it."""
+def test_unknown_name_has_line_and_column() -> None:
+    """As a test of Universal Robots' C++ client library expects."""
     client = Client(robot())
-    client.say("def wrong():\n  sleep(0.1)\n  if True:\n    nothing_such()\n  end\nend\n")
+    client.send("def wrong():\n  sleep(0.1)\n  if True:\n    nothing_such()\n  end\nend\n")
     client.wait(0.5)
     (error,) = client.messages(MessageKind.RUNTIME_EXCEPTION)
     assert error.body == b"\0\0\0\4\0\0\0\5compile_error_name_not_found:nothing_such:"
 
 
-def test_a_pop_up_has_its_title_and_its_text() -> None:
+def test_pop_up_has_title_and_text() -> None:
     client = Client(robot())
-    client.say('def asks():\n  popup("wait", title="Careful")\nend\n')
+    client.send('def asks():\n  popup("wait", title="Careful")\nend\n')
     client.wait(0.3)
     (popup,) = client.messages(MessageKind.POPUP)
     assert popup.body[8:] == b"\x07Carefulwait"
 
 
-def test_each_safety_mode_is_told_once() -> None:
+def test_each_safety_mode_is_reported_once() -> None:
     ur = robot()
     client = Client(ur).wait(0.1)
     ur.controller.protective_stop("a test")
@@ -179,30 +179,30 @@ def test_each_safety_mode_is_told_once() -> None:
 
 
 @pytest.mark.parametrize(("port", "remote"), [(Port.READ_ONLY, True), (Port.PRIMARY, False)])
-def test_text_to_an_interface_that_takes_none_is_an_error(port: Port, remote: bool) -> None:
+def test_text_to_read_only_interface_is_an_error(port: Port, remote: bool) -> None:
     ur = robot(remote_control=remote)
     client = Client(ur, port=port)
     ur.controller.state.remote = True
-    client.say("def moves():\n  sleep(9)\nend\n")
+    client.send("def moves():\n  sleep(9)\nend\n")
     client.wait(0.5)
     assert [message.body[:4] for message in client.messages(MessageKind.ERROR_CODE)] == [b"\0\0\0\xd2"]
     assert client.keys() == []
     fresh = Client(ur, client.now)
-    fresh.say("def moves():\n  sleep(9)\nend\n")
+    fresh.send("def moves():\n  sleep(9)\nend\n")
     fresh.wait(0.2)
     assert fresh.keys() == [b"PROGRAM_XXX_STARTEDmoves"], "one that came in remote control may"
 
 
-def test_a_silent_interface_says_nothing_and_goes_on_afterwards() -> None:
+def test_silent_interface_resumes_afterwards() -> None:
     ur = robot()
     ledger = Ledger(RTDE_FAULTS)
     ledger.attach("robot", ur.handlers["robot"])
     client = Client(ur).wait(0.05)
-    told = client.raw
+    reported = client.raw
     injection = ledger.inject("robot", "primary-silent", T0 + 0.05, {"for_s": 0.5})
-    client.say("def moves():\n  sleep(9)\nend\n")
+    client.send("def moves():\n  sleep(9)\nend\n")
     client.wait(0.45)
-    assert client.raw == told
+    assert client.raw == reported
     assert injection.struck > 0
     ledger.handle_deadline(client.wait(0.2).now)
     client.wait(0.2)
@@ -214,16 +214,16 @@ def test_a_silent_interface_says_nothing_and_goes_on_afterwards() -> None:
     ("statement", "code"),
     [("protective_stop()", 209), ("movel(p[9, 9, 9, 0, 0, 0])", 0), ("servoj([0, 0, 0, 0, 0, 0])", 204)],
 )
-def test_a_protective_stop_has_the_code_of_its_reason(statement: str, code: int) -> None:
+def test_protective_stop_has_code_of_reason(statement: str, code: int) -> None:
     client = Client(robot())
-    client.say(f"{statement}\n")
+    client.send(f"{statement}\n")
     client.wait(8.0)
     (error,) = client.messages(MessageKind.ERROR_CODE)
     assert int.from_bytes(error.body[:4], "big") == code
     assert error.body[8:12] == b"\0\0\0\2", "a warning"
 
 
-def test_a_client_that_has_left_is_told_nothing_more() -> None:
+def test_disconnected_client_receives_nothing() -> None:
     ur = robot()
     client = Client(ur)
     ur.leave(Port.PRIMARY, client.server, T0)
@@ -235,7 +235,7 @@ def test_a_client_that_has_left_is_told_nothing_more() -> None:
 # --- outputs over RTDE
 
 
-def test_outputs_that_a_package_sets_are_read_back_where_its_masks_let_it() -> None:
+def test_outputs_are_set_according_to_masks() -> None:
     ur = robot()
     controller = ur.controller
 
@@ -280,7 +280,7 @@ def test_outputs_that_a_package_sets_are_read_back_where_its_masks_let_it() -> N
         ((3, 12, 2), ("safety_status",), ("tcp_offset", "payload")),
     ],
 )
-def test_each_line_of_controllers_has_its_outputs_since_a_version_of_its_own(
+def test_outputs_depend_on_controller_version(
     version: tuple[int, int, int], there: tuple[str, ...], missing: tuple[str, ...]
 ) -> None:
     assert [name for name in there if type_of(OUTPUTS, name, version) == NOT_FOUND] == []
@@ -298,9 +298,7 @@ def test_each_line_of_controllers_has_its_outputs_since_a_version_of_its_own(
         ("5.0.0.0", 47, 101, 75, 9),
     ],
 )
-def test_state_of_a_version_has_its_sizes(
-    version: str, mode: int, cartesian: int, board: int, count: int
-) -> None:
+def test_state_sizes_match_version(version: str, mode: int, cartesian: int, board: int, count: int) -> None:
     """Source: python-urx's reader, and the static checks of ur_modern_driver."""
     client = Client(robot(version=version, model="ur10" if version[0] == "3" else "ur10e"))
     client.wait(0.1)
@@ -315,10 +313,10 @@ def test_state_of_a_version_has_its_sizes(
 
 
 @pytest.mark.parametrize("port", [Port.SECONDARY, Port.SECONDARY_READ_ONLY])
-def test_secondary_interface_sends_version_and_states_alone(port: Port) -> None:
+def test_secondary_interface_sends_version_and_states_only(port: Port) -> None:
     ur = robot()
     client, speaker = Client(ur, port=port), Client(ur)
-    speaker.say('def hello():\n  textmsg("it")\n  popup("it")\n  x = 1 / 0\nend\n')
+    speaker.send('def hello():\n  textmsg("it")\n  popup("it")\n  x = 1 / 0\nend\n')
     ur.controller.protective_stop("a test")
     client.wait(0.5)
     kinds = [kind for kind, _ in primary.split(client.raw)]

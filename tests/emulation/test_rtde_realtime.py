@@ -1,4 +1,4 @@
-"""The real-time interface of an emulated controller: its rate, its values, its clients, and text."""
+"""Tests of the real-time interface of an emulated controller: its rate, its values, its clients, and text."""
 
 from itertools import pairwise
 from typing import Any
@@ -18,7 +18,7 @@ T0 = 1000.25
 
 
 class Client:
-    """A connection to the interface, driven by its deadlines."""
+    """Connection to the interface, driven by its deadlines."""
 
     def __init__(self, robot: RtdeRobot, now: float = T0, port: Port = Port.REALTIME) -> None:
         server = robot.connect(port, now)
@@ -54,9 +54,7 @@ def robot(**profile: Any) -> RtdeRobot:
         ({"version": "3.5.0.0", "cycle_ms": 8.0, "model": "ur10"}, 125, 1108),
     ],
 )
-def test_a_state_comes_in_each_cycle_with_the_length_of_its_version(
-    settings: dict[str, Any], rate_hz: int, size: int
-) -> None:
+def test_state_of_each_cycle_has_length_of_version(settings: dict[str, Any], rate_hz: int, size: int) -> None:
     client = Client(robot(**settings)).wait(0.5005)
     assert len(client.states) == pytest.approx(rate_hz / 2, abs=1)
     assert set(client.sizes) == {size}
@@ -65,15 +63,15 @@ def test_a_state_comes_in_each_cycle_with_the_length_of_its_version(
     assert steps[1:] == pytest.approx([1.0 / rate_hz] * (len(steps) - 1))
 
 
-def test_the_values_are_those_of_rtde() -> None:
+def test_values_match_rtde() -> None:
     ur = robot(version="5.12.0.0")
     ur.controller.io.slider = 0.4
     ur.controller.force.payload = (1.5, 0.0, 0.01, 0.05)
     ur.controller.io.write_output("actual_digital_output_bits", 5)
     client = Client(ur).wait(0.01)
-    shown = ur.controller.snapshots[0]
+    displayed = ur.controller.snapshots[0]
     for name in (name for name in realtime.layout_of(ur.controller.version).outputs if name):
-        values = getter(name)(shown)
+        values = getter(name)(displayed)
         names = [name] if len(values) == 1 else [f"{name}_{at}" for at in range(len(values))]
         assert [client.states[-1][each] for each in names] == pytest.approx(values), name
     state = client.states[-1]
@@ -84,7 +82,7 @@ def test_the_values_are_those_of_rtde() -> None:
     )
 
 
-def test_several_clients_are_told_the_same() -> None:
+def test_all_clients_receive_same_state() -> None:
     ur = robot()
     first, second = Client(ur), Client(ur, port=Port.REALTIME_READ_ONLY)
     for seconds in (0.001, *[0.002] * 20):
@@ -94,7 +92,7 @@ def test_several_clients_are_told_the_same() -> None:
     assert len(first.states) == 20
 
 
-def test_text_is_a_program_unless_the_interface_is_read_only() -> None:
+def test_text_is_program_unless_read_only() -> None:
     ur = robot()
     Client(ur, port=Port.REALTIME_READ_ONLY).server.receive(b"sleep(5)\n", T0)
     client = Client(ur)
@@ -106,7 +104,7 @@ def test_text_is_a_program_unless_the_interface_is_read_only() -> None:
     assert client.states[-1]["runtime_state"] == Runtime.PLAYING
 
 
-def test_a_client_that_does_not_read_is_left_out_and_comes_back_to_the_newest_state() -> None:
+def test_slow_client_resumes_with_newest_state() -> None:
     ur = robot()
     client = Client(ur).wait(0.01)
     full = [True]
@@ -121,7 +119,7 @@ def test_a_client_that_does_not_read_is_left_out_and_comes_back_to_the_newest_st
     assert client.states[-1]["timestamp"] == ur.controller.snapshots[0].time
 
 
-def test_a_process_that_was_late_tells_the_newest_state_alone() -> None:
+def test_late_process_sends_newest_state_only() -> None:
     client = Client(robot()).wait(0.01)
     count = len(client.states)
     client.now += 1.0
@@ -131,7 +129,7 @@ def test_a_process_that_was_late_tells_the_newest_state_alone() -> None:
     assert len(client.states) == count + 1
 
 
-def test_the_faults_of_the_pose_strike_this_interface_too() -> None:
+def test_pose_faults_apply_to_realtime_interface() -> None:
     ur = robot(joint_noise_urad=0.0, joint_bits=0)
     ledger = Ledger(RTDE_FAULTS)
     for target, handlers in ur.handlers.items():
@@ -140,5 +138,7 @@ def test_the_faults_of_the_pose_strike_this_interface_too() -> None:
     ledger.inject("pose", "offset", client.now, {"z_mm": 5.0})
     before = client.states[-1]
     client.wait(0.01)
-    moved = [client.states[-1][f"actual_TCP_pose_{at}"] - before[f"actual_TCP_pose_{at}"] for at in range(3)]
-    assert moved == pytest.approx([0.0, 0.0, 0.005], abs=1e-6)
+    changes = [
+        client.states[-1][f"actual_TCP_pose_{at}"] - before[f"actual_TCP_pose_{at}"] for at in range(3)
+    ]
+    assert changes == pytest.approx([0.0, 0.0, 0.005], abs=1e-6)

@@ -1,4 +1,6 @@
-"""The emulated controller of Universal Robots at its ports, without a wire: packets, dashboard, scripts, cables."""
+"""Tests of the emulated controller of Universal Robots at its ports, without a wire: packets, dashboard, scripts,
+cables.
+"""
 
 import math
 import struct
@@ -25,7 +27,7 @@ from tests.emulation.rtde_desk import DT, START, T0, Desk, Pair, inputs_of, outp
 # --- packets
 
 
-def test_versions_are_answered() -> None:
+def test_version_requests_are_answered() -> None:
     plug = Desk().plug()
     assert plug.ask(packets.version_request(2)) == Packet(Kind.VERSION, b"\x01")
     assert plug.ask(packets.version_request(1)) == Packet(Kind.VERSION, b"\x01")
@@ -36,7 +38,7 @@ def test_versions_are_answered() -> None:
 
 
 @pytest.mark.parametrize("version", [None, 1])
-def test_version_1_has_no_rate_and_no_recipe_of_outputs(version: int | None) -> None:
+def test_version_1_has_no_rate_and_no_output_recipe(version: int | None) -> None:
     desk = Desk()
     plug = desk.plug(version=version)
     assert plug.ask(packets.encode(Kind.OUTPUTS, b"timestamp,robot_mode")) == Packet(
@@ -50,11 +52,11 @@ def test_version_1_has_no_rate_and_no_recipe_of_outputs(version: int | None) -> 
     stamp, mode = struct.unpack(">di", data[-1])
     assert (stamp, mode) == (pytest.approx(100.008), RobotMode.RUNNING)
     plug.send(b"\x00\x05\xff\r\n")
-    (words,) = [packet.payload for packet in plug.packets() if packet.kind == Kind.TEXT]
-    assert words == b"\x01unknown type of packet 255"
+    (text,) = [packet.payload for packet in plug.packets() if packet.kind == Kind.TEXT]
+    assert text == b"\x01unknown type of packet 255"
 
 
-def test_an_unknown_output_makes_no_recipe_and_so_no_start() -> None:
+def test_unknown_output_prevents_recipe_and_start() -> None:
     desk = Desk()
     plug = desk.plug()
     answer = plug.ask(packets.outputs_request(("timestamp", "nonsense"), 500.0))
@@ -73,7 +75,7 @@ def test_an_unknown_output_makes_no_recipe_and_so_no_start() -> None:
     ("rate", "every"),
     [(500.0, 1), (300.0, 1), (125.0, 4), (1.0, 500), (9999.0, 1), (0.0, 500), (math.nan, 1)],
 )
-def test_data_comes_in_each_so_manieth_cycle_behind_the_answer(rate: float, every: int) -> None:
+def test_data_follows_at_requested_rate(rate: float, every: int) -> None:
     desk = Desk()
     plug = desk.plug()
     recipe = outputs_of(plug, "timestamp", "runtime_state", rate=rate)
@@ -88,7 +90,7 @@ def test_data_comes_in_each_so_manieth_cycle_behind_the_answer(rate: float, ever
     assert plug.packets() == []
 
 
-def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:
+def test_late_process_sends_state_of_due_cycle() -> None:
     desk = Desk()
     plug = desk.plug()
     recipe = outputs_of(plug, "timestamp", rate=125.0)
@@ -102,7 +104,7 @@ def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> No
     assert late["timestamp"] == pytest.approx(newest + 0.016)
 
 
-def test_a_cb3_has_another_cycle() -> None:
+def test_cb3_has_different_cycle() -> None:
     desk = Desk(replace(EXACT, cycle_ms=8.0, version="3.15.0.0", model="ur10"))
     plug = desk.plug()
     recipe = outputs_of(plug, "timestamp", rate=125.0)
@@ -111,7 +113,7 @@ def test_a_cb3_has_another_cycle() -> None:
     assert len(values_of(plug, recipe)) == 100
 
 
-def test_an_input_of_another_connection_is_in_use_until_that_one_leaves() -> None:
+def test_input_is_in_use_until_other_client_leaves() -> None:
     desk = Desk(replace(EXACT, release_delay_s=0.5))
     first, second = desk.plug(), desk.plug()
     assert inputs_of(first, "input_int_register_0").number == 1
@@ -125,22 +127,22 @@ def test_an_input_of_another_connection_is_in_use_until_that_one_leaves() -> Non
     assert inputs_of(second, "input_int_register_1").number == 1
 
 
-def test_inputs_are_read_back_and_outlive_their_connection() -> None:
+def test_inputs_outlive_their_connection() -> None:
     desk = Desk()
     writer, reader = desk.plug(), desk.plug()
     recipe = inputs_of(writer, "input_int_register_5", "input_double_register_6", "external_force_torque")
     writer.send(recipe.pack(-3, 2.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     desk.unplug(writer)
-    shown = outputs_of(reader, "input_int_register_5", "input_double_register_6", "actual_TCP_force")
+    displayed = outputs_of(reader, "input_int_register_5", "input_double_register_6", "actual_TCP_force")
     reader.ask(packets.encode(Kind.START))
     desk.run(0.01)
-    last = values_of(reader, shown)[-1]
+    last = values_of(reader, displayed)[-1]
     assert (last["input_int_register_5"], last["input_double_register_6"]) == (-3, 2.5)
     assert last["actual_TCP_force"] == (0.0,) * 6, "the input is not enabled"
 
 
 @pytest.mark.parametrize(("what", "closes"), [("ignore", False), ("close", True)])
-def test_a_data_packet_of_another_recipe_or_length_has_no_effect(what: Any, closes: bool) -> None:
+def test_data_packet_with_wrong_recipe_has_no_effect(what: Any, closes: bool) -> None:
     desk = Desk(replace(EXACT, bad_input=what))
     plug = desk.plug()
     recipe = inputs_of(plug, "input_int_register_0")
@@ -151,7 +153,7 @@ def test_a_data_packet_of_another_recipe_or_length_has_no_effect(what: Any, clos
     assert plug.server.closing == closes
 
 
-def test_a_size_below_a_header_closes_and_an_unknown_type_does_not() -> None:
+def test_too_small_packet_closes_connection() -> None:
     desk = Desk()
     plug = desk.plug()
     plug.send(packets.HEADER.pack(4, 0x7A) + b"x")
@@ -164,7 +166,7 @@ def test_a_size_below_a_header_closes_and_an_unknown_type_does_not() -> None:
 
 @given(st.lists(st.binary(max_size=60), max_size=6))
 @settings(max_examples=60)
-def test_no_bytes_upset_a_port(pieces: list[bytes]) -> None:
+def test_arbitrary_bytes_do_not_break_port(pieces: list[bytes]) -> None:
     desk = Desk()
     for port in Port:
         plug = desk.plug(port)
@@ -174,7 +176,7 @@ def test_no_bytes_upset_a_port(pieces: list[bytes]) -> None:
     assert desk.controller.state.mode == RobotMode.RUNNING
 
 
-def test_each_port_takes_so_many_clients_and_no_more() -> None:
+def test_number_of_clients_per_port_is_limited() -> None:
     robot = RtdeRobot(replace(EXACT, max_clients=3), START, T0, 7)
     assert [robot.connect(Port.RTDE, T0) is None for _ in range(4)] == [False] * 3 + [True]
     assert [robot.connect(Port.SCRIPT, T0) is None for _ in range(CLIENTS_MAX + 1)].count(True) == 1
@@ -183,11 +185,11 @@ def test_each_port_takes_so_many_clients_and_no_more() -> None:
 # --- dashboard
 
 
-def test_the_dashboard_answers_in_lines() -> None:
+def test_dashboard_answers_in_lines() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     assert board.got == b"Connected: Universal Robots Dashboard Server\n"
-    asked = {
+    requested = {
         "PolyscopeVersion": "URSoftware 5.12.0.1101319 (Feb 02 2022)",
         "get serial number": "20235500001",
         "get robot model": "UR10",
@@ -224,11 +226,11 @@ def test_the_dashboard_answers_in_lines() -> None:
         "dance": "could not understand: 'dance'",
         "quit": "Disconnected",
     }
-    assert {command: board.line(command) for command in asked} == asked
+    assert {command: board.line(command) for command in requested} == requested
     assert board.server.closing
 
 
-def test_a_cb3_knows_no_remote_control_and_our_client_goes_on() -> None:
+def test_client_supports_cb3_without_remote_control() -> None:
     cb3 = replace(EXACT, cycle_ms=8.0, version="3.15.0.0", model="ur10")
     board = Desk(cb3).plug(Port.DASHBOARD)
     for command in ("is in remote control", "get operational mode", "version"):
@@ -241,7 +243,7 @@ def test_a_cb3_knows_no_remote_control_and_our_client_goes_on() -> None:
     assert pair.fault == ""
 
 
-def test_local_control_takes_no_program_and_no_command_but_answers_questions() -> None:
+def test_local_control_answers_queries_only() -> None:
     desk = Desk()
     fault = desk.inject("robot", "local-control", for_s=1.0)
     board = desk.plug(Port.DASHBOARD)
@@ -258,7 +260,7 @@ def test_local_control_takes_no_program_and_no_command_but_answers_questions() -
     assert desk.plug(Port.DASHBOARD).line("play") == "Failed to execute: play"
 
 
-def test_power_goes_with_the_emergency_stop_and_comes_back_step_by_step() -> None:
+def test_power_returns_step_by_step_after_emergency_stop() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     desk.upload(program_text(50, 10.0, 2.0, 0.1))
@@ -277,7 +279,7 @@ def test_power_goes_with_the_emergency_stop_and_comes_back_step_by_step() -> Non
     assert board.line("robotmode") == "Robotmode: RUNNING"
 
 
-def test_brakes_released_from_power_off_power_the_arm_first() -> None:
+def test_brake_release_powers_arm_first() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     assert board.line("power off") == "Powering off"
@@ -295,7 +297,7 @@ def test_brakes_released_from_power_off_power_the_arm_first() -> None:
     assert board.line("brake release") == "Failed to execute: brake release"
 
 
-def test_a_stored_program_is_loaded_played_paused_and_stopped() -> None:
+def test_stored_program_is_loaded_played_paused_and_stopped() -> None:
     desk = Desk()
     desk.controller.player.stored = {"waits": b"def waits():\n  while True:\n    sync()\n  end\nend"}
     board = desk.plug(Port.DASHBOARD)
@@ -314,19 +316,19 @@ def test_a_stored_program_is_loaded_played_paused_and_stopped() -> None:
     assert board.line("play") == "Failed to execute: play"
 
 
-def test_a_pop_up_that_blocks_waits_until_it_is_closed() -> None:
+def test_blocking_pop_up_waits_until_closed() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     desk.upload('def asks():\n  popup("continue?", blocking=True)\n  textmsg("gone on")\n  sleep(1)\nend\n')
     desk.run(0.5)
-    said = desk.controller.console.sayings
-    assert [saying.text for saying in said] == ["asks", "continue?"]
+    messages = desk.controller.console.program_messages
+    assert [saying.text for saying in messages] == ["asks", "continue?"]
     assert board.line("close popup") == "closing popup"
     desk.run(0.1)
-    assert [saying.text for saying in said] == ["asks", "continue?", "gone on"]
+    assert [saying.text for saying in messages] == ["asks", "continue?", "gone on"]
 
 
-def test_a_pop_up_ends_with_its_program() -> None:
+def test_pop_up_ends_with_its_program() -> None:
     desk = Desk()
     desk.upload('def asks():\n  popup("continue?", blocking=True)\nend\n')
     desk.run(0.2)
@@ -335,7 +337,7 @@ def test_a_pop_up_ends_with_its_program() -> None:
     assert not desk.controller.console.popup_open
 
 
-def test_a_process_that_was_late_is_no_silent_client() -> None:
+def test_late_process_does_not_count_as_silent_client() -> None:
     desk = Desk()
     desk.upload("def waits():\n  while True:\n    sync()\n  end\nend\n")
     desk.run(0.1)
@@ -348,7 +350,7 @@ def test_a_process_that_was_late_is_no_silent_client() -> None:
     assert desk.controller.player.runtime == Runtime.STOPPED, "and nothing came behind it"
 
 
-def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
+def test_protective_stop_stays_locked_for_five_seconds() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     desk.inject("robot", "protective-stop")
@@ -362,7 +364,7 @@ def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
 # --- the script port
 
 
-def test_a_program_is_found_however_its_text_comes() -> None:
+def test_program_text_may_arrive_in_pieces() -> None:
     text = "# a comment\nsec other():\n  x = 1\nend\n" + program_text(50, 10.0, 2.0, 0.1)
     for size in (1, 7, 4096):
         desk = Desk()
@@ -376,7 +378,7 @@ def test_a_program_is_found_however_its_text_comes() -> None:
 
 
 @pytest.mark.parametrize("register", ["0", "0 +0"])
-def test_a_program_of_a_user_runs(register: str) -> None:
+def test_user_program_runs(register: str) -> None:
     desk = Desk()
     desk.upload(
         f"def mine():\n  write_output_integer_register({register}, 1)\n  sleep(0.1)\n"
@@ -397,14 +399,14 @@ def test_a_program_of_a_user_runs(register: str) -> None:
 # --- fields and cables
 
 
-def test_the_client_asks_for_nothing_that_the_controller_has_not() -> None:
+def test_client_requests_only_available_variables() -> None:
     desk = Desk()
     plug = desk.plug()
     assert outputs_of(plug, *OUTPUT_NAMES).types == EXPECTED[OUTPUT_NAMES]
     assert inputs_of(plug, *INPUT_NAMES).types == EXPECTED[INPUT_NAMES]
 
 
-def test_a_cut_cable_carries_nothing_to_any_port_nor_to_a_connection_that_comes() -> None:
+def test_cut_cable_blocks_every_port() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     cut = desk.inject("wire", "off", for_s=1.0)
@@ -415,7 +417,7 @@ def test_a_cut_cable_carries_nothing_to_any_port_nor_to_a_connection_that_comes(
     assert board.line("robotmode") == "Robotmode: RUNNING"
 
 
-def test_a_slow_cable_carries_everything_both_ways_late() -> None:
+def test_slow_cable_delays_both_directions() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
     desk.inject("wire", "late", ms=100.0)
@@ -427,7 +429,7 @@ def test_a_slow_cable_carries_everything_both_ways_late() -> None:
     assert board.got[before:] == b"Robotmode: RUNNING\n"
 
 
-def test_client_that_does_not_read_is_dropped_after_ten_seconds() -> None:
+def test_client_that_does_not_read_is_dropped_after_10_s() -> None:
     """Source: RTDE_Python_Client_Library, issue 6."""
     desk = Desk()
     plug = desk.plug()

@@ -1,4 +1,4 @@
-"""The speed slider of the emulated Universal Robot acts on every motion, in virtual time."""
+"""Tests that the speed slider of the emulated Universal Robot affects every motion, in virtual time."""
 
 import math
 from typing import Any
@@ -23,7 +23,7 @@ MOVES = {
 
 
 def duration(move: str, slider: float) -> float:
-    """Time that a program of this move plays, s."""
+    """Return the time for which a program of this move plays, s."""
     bench = Bench()
     bench.controller.io.slider = slider
     bench.send(f"def mine():\n  here = {HERE}\n  {move}\nend\n")
@@ -40,27 +40,27 @@ def duration(move: str, slider: float) -> float:
 def test_slider_stretches_every_planned_move(move: str) -> None:
     begun = 0.05
     """Of the 0.1 s before the measured time the program has played so long, s."""
-    whole, quarter = duration(move, 1.0) + begun, duration(move, 0.25) + begun
-    assert quarter == pytest.approx(4.0 * whole, abs=0.02)
+    complete, quarter = duration(move, 1.0) + begun, duration(move, 0.25) + begun
+    assert quarter == pytest.approx(4.0 * complete, abs=0.02)
 
 
-def test_slider_at_0_stands_in_mid_move_and_goes_on() -> None:
+def test_slider_at_0_pauses_move() -> None:
     bench = Bench()
     bench.send(f"movel(pose_add({HERE}, p[0,0.06,0,0,0,0]), a=1.2, v=0.1)\n")
     bench.run(0.4)
     bench.controller.io.slider = 0.0
     bench.run(0.02)
-    stood = bench.place
+    stopped_at = bench.place
     bench.run(1.0)
-    assert bench.place == pytest.approx(stood, abs=1e-9)
-    assert -0.08 < stood[1] < -0.05
+    assert bench.place == pytest.approx(stopped_at, abs=1e-9)
+    assert -0.08 < stopped_at[1] < -0.05
     bench.controller.io.slider = 0.5
     bench.run(1.0)
     assert bench.place == pytest.approx((0.9, -0.04, 0.6), abs=1e-6)
 
 
 @pytest.mark.parametrize("by", ["panel", "fault", "input"])
-def test_slider_acts_whoever_moves_it(by: str) -> None:
+def test_slider_acts_for_every_client(by: str) -> None:
     desk = Desk()
     desk.upload(f"movel(pose_add({HERE}, p[0,0.06,0,0,0,0]), a=1.2, v=0.1)\n")
     plug = desk.plug()
@@ -68,9 +68,9 @@ def test_slider_acts_whoever_moves_it(by: str) -> None:
     desk.run(0.3)
     _put_down(desk, by)
     desk.run(0.02)
-    stood = desk.place
+    stopped_at = desk.place
     desk.run(0.3)
-    assert desk.place == pytest.approx(stood, abs=1e-9)
+    assert desk.place == pytest.approx(stopped_at, abs=1e-9)
     plug.send(packets.encode(Kind.START))
     plug.packets()
     desk.run(0.02)
@@ -90,7 +90,7 @@ def _put_down(desk: Desk, by: str) -> None:
         )
 
 
-def test_speed_of_joints_has_the_sliders_share() -> None:
+def test_joint_speed_is_scaled_by_slider() -> None:
     bench = Bench()
     bench.controller.io.slider = 0.25
     bench.send("speedj([0, 0, 0, 0, 0, 0.4], a=2, t=1)\n")
@@ -101,7 +101,7 @@ def test_speed_of_joints_has_the_sliders_share() -> None:
     assert bench.controller.arm.speeds[5] == 0.0
 
 
-def test_speedj_without_a_time_ends_at_the_sliders_share() -> None:
+def test_speedj_without_time_ends_at_scaled_speed() -> None:
     bench = Bench()
     bench.controller.io.slider = 0.5
     bench.send("def mine():\n  speedj([0, 0, 0, 0, 0, 0.4], a=2)\n  stopj(2)\nend\n")

@@ -1,4 +1,4 @@
-"""Texts whose compilation is spread over cycles, as in real time: what happens before it is complete."""
+"""Tests of texts whose compilation is spread over cycles, as in real time: behaviour before it is complete."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -18,7 +18,7 @@ ROW = "  if read_input_integer_register(24) == 7:\n    servoj(q, 0, 0, 0.002, 0.
 
 
 def program(name: str, kilobytes: int = 0) -> str:
-    """A program that plays until it is stopped, of about this length."""
+    """Return a program that plays until it is stopped, of about this length."""
     rows = ROW * (kilobytes * 1000 // len(ROW))
     return f"def {name}():\n  q = get_actual_joint_positions()\n  while True:\n{rows}    sync()\n  end\nend\n"
 
@@ -29,14 +29,14 @@ def nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Spread(Desk):
-    """A controller whose texts are compiled when `compile` is called."""
+    """Controller whose texts are compiled when `compile` is called."""
 
     def __init__(self) -> None:
         super().__init__(EXACT)
         self.controller.player.uploads.spread = lambda: None
 
     def compile(self) -> int:
-        """Compile all texts; how many steps it takes."""
+        """Compile all texts; return the number of steps."""
         count = 1
         while self.controller.player.uploads.step():
             count += 1
@@ -44,7 +44,7 @@ class Spread(Desk):
 
     @property
     def playing(self) -> str:
-        """Name of the program that plays, after its start."""
+        """Return the name of the playing program, after its start."""
         self.run(0.1)
         program = self.controller.player.program
         return (
@@ -52,7 +52,7 @@ class Spread(Desk):
         )
 
 
-def test_upload_of_80_kb_leaves_every_rtde_cycle() -> None:
+def test_upload_of_80_kb_delays_no_rtde_cycle() -> None:
     desk = Spread()
     client = desk.plug()
     recipe = outputs_of(client, "timestamp", "runtime_state")
@@ -74,19 +74,19 @@ def test_upload_of_80_kb_leaves_every_rtde_cycle() -> None:
     assert desk.playing == "long"
 
 
-def test_later_text_does_not_overtake() -> None:
+def test_later_text_does_not_overtake_earlier_one() -> None:
     desk = Spread()
     desk.upload(program("first", 40))
     desk.upload(program("second"))
     desk.upload("sec third():\n  set_digital_out(1, True)\nend\n")
     desk.compile()
     assert desk.playing == "second"
-    starts = [s.text for s in desk.controller.console.sayings if s.message is Message.STARTED]
+    starts = [s.text for s in desk.controller.console.program_messages if s.message is Message.STARTED]
     assert starts == ["second"], "the first one was stopped before it began"
     assert desk.controller.io.outputs["actual_digital_output_bits"] == 2
 
 
-def test_call_behind_a_long_definition_leaves_it_playing() -> None:
+def test_call_after_long_definition_keeps_it_playing() -> None:
     desk = Spread()
     desk.upload(program("mine", 10) + "mine()\n")
     desk.compile()
@@ -94,7 +94,7 @@ def test_call_behind_a_long_definition_leaves_it_playing() -> None:
     assert desk.robot.unmodelled.things == ()
 
 
-def test_closed_connection_does_not_cancel_its_program() -> None:
+def test_closed_connection_keeps_its_program() -> None:
     desk = Spread()
     script = desk.plug(Port.SCRIPT)
     script.send(program("mine", 10).encode())
@@ -125,7 +125,7 @@ def test_stop_during_compilation_cancels_the_program(stop: str) -> None:
     assert desk.controller.counts["programs refused"] == 1
 
 
-def test_program_that_ends_does_not_cancel_the_next_one() -> None:
+def test_ended_program_does_not_cancel_next_one() -> None:
     desk = Spread()
     desk.upload("def brief():\n  sleep(0.2)\nend\n")
     desk.compile()
@@ -137,7 +137,7 @@ def test_program_that_ends_does_not_cancel_the_next_one() -> None:
     assert desk.playing == "mine"
 
 
-def test_text_that_comes_in_a_stop_does_not_start_after_it() -> None:
+def test_text_received_during_stop_does_not_start() -> None:
     desk = Spread()
     desk.controller.protective_stop("a test")
     desk.run(6.0)
@@ -148,7 +148,7 @@ def test_text_that_comes_in_a_stop_does_not_start_after_it() -> None:
     assert desk.playing == ""
 
 
-def test_texts_beyond_a_bound_are_dropped() -> None:
+def test_texts_above_limit_are_dropped() -> None:
     desk = Spread()
     script = desk.plug(Port.SCRIPT)
     for number in range(WAITING_MAX + 2):
@@ -172,7 +172,7 @@ def answers(got: bytes) -> list[str]:
     return got.decode().splitlines()[1:]
 
 
-def test_play_is_answered_when_the_program_has_compiled() -> None:
+def test_play_is_answered_after_compilation() -> None:
     desk = Spread()
     load(desk, program("mine", 10))
     dashboard = desk.plug(Port.DASHBOARD)
@@ -186,7 +186,7 @@ def test_play_is_answered_when_the_program_has_compiled() -> None:
 
 
 @pytest.mark.parametrize("text", ["def mine():\n  x = = 1\nend\n", "def mine():\n  unheard_of()\nend\n"])
-def test_play_of_a_program_that_does_not_compile_fails(text: str) -> None:
+def test_play_of_uncompilable_program_fails(text: str) -> None:
     desk = Desk()
     load(desk, text)
     dashboard = desk.plug(Port.DASHBOARD)
@@ -194,7 +194,7 @@ def test_play_of_a_program_that_does_not_compile_fails(text: str) -> None:
     assert dashboard.line("running") == "Program running: false"
 
 
-def test_play_that_is_stopped_before_its_start_fails() -> None:
+def test_play_stopped_before_start_fails() -> None:
     desk = Spread()
     load(desk, program("mine", 10))
     dashboard = desk.plug(Port.DASHBOARD)
@@ -205,7 +205,7 @@ def test_play_that_is_stopped_before_its_start_fails() -> None:
     assert answers(dashboard.got) == ["Failed to execute: play"]
 
 
-def test_many_plays_at_once_are_answered_in_order() -> None:
+def test_concurrent_plays_are_answered_in_order() -> None:
     desk = Desk()
     load(desk, program("mine"))
     dashboard = desk.plug(Port.DASHBOARD)

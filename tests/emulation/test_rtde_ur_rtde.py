@@ -1,4 +1,4 @@
-"""ur_rtde's program on the emulated controller, led by its registers; values of any kind for it and for our program."""
+"""Tests of ur_rtde's program on the emulated controller, driven by its registers, with arbitrary values."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from tests.emulation.rtde_desk import CONTROL, DT, START, Desk, inputs_of
 
 
 class UrClient:
-    """Commands to ur_rtde's control program, as its library sends them."""
+    """Sends commands to ur_rtde's control program, as its library does."""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
@@ -42,12 +42,12 @@ class UrClient:
         assert self.desk.controller.io.outputs["output_int_register_0"] == 1
 
     @property
-    def told(self) -> list[float]:
+    def reported_values(self) -> list[float]:
         out = self.desk.controller.io.outputs
         return [float(out.get(f"output_double_register_{n}", 0.0)) for n in range(6)]  # type: ignore[arg-type]
 
 
-def test_a_servo_of_ur_rtde_is_followed_until_it_is_stopped() -> None:
+def test_ur_rtde_servo_is_followed_until_stopped() -> None:
     desk = Desk()
     ur = UrClient(desk)
     six = list(six_of(Pose(START.position, START.quaternion)))
@@ -66,25 +66,25 @@ def test_a_servo_of_ur_rtde_is_followed_until_it_is_stopped() -> None:
     assert desk.controller.player.runtime == Runtime.STOPPED
 
 
-def test_moves_questions_and_settings_of_ur_rtde() -> None:
+def test_ur_rtde_moves_queries_and_settings() -> None:
     desk = Desk()
     ur = UrClient(desk)
     six = list(six_of(Pose(START.position, START.quaternion)))
     ur.do(3, [six[0] - 0.05, *six[1:], 0.25, 1.2], seconds=1.0)
     assert desk.place == pytest.approx((0.85, -0.1, 0.6), abs=1e-9)
     ur.do(46, six)
-    joints = ur.told
+    joints = ur.reported_values
     ur.do(1, [*joints, 1.0, 1.4], seconds=1.0)
     assert desk.place == pytest.approx(START.position, abs=1e-6)
     ur.do(44, [*joints, 0.0, 0.0, 0.2])
-    assert ur.told[:3] == pytest.approx(START.position, abs=1e-6)
+    assert ur.reported_values[:3] == pytest.approx(START.position, abs=1e-6)
     ur.do(44, joints)
-    assert ur.told[:3] == pytest.approx((0.9, -0.1, 0.8), abs=1e-6)
+    assert ur.reported_values[:3] == pytest.approx((0.9, -0.1, 0.8), abs=1e-6)
     ur.do(40)
-    assert ur.told == [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
+    assert ur.reported_values == [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
     ur.do(29, [0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     ur.do(43)
-    assert ur.told[2] == pytest.approx(0.7, abs=1e-6)
+    assert ur.reported_values[2] == pytest.approx(0.7, abs=1e-6)
     ur.do(60, [9.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert desk.controller.io.outputs.get("output_int_register_1", 0) == 0
     ur.do(47)
@@ -92,7 +92,7 @@ def test_moves_questions_and_settings_of_ur_rtde() -> None:
     ur.do(19)  # one that has no effect here
 
 
-def test_a_move_beside_other_commands_tells_that_it_runs() -> None:
+def test_asynchronous_move_reports_progress() -> None:
     desk = Desk()
     ur = UrClient(desk)
     six = list(six_of(Pose(START.position, START.quaternion)))
@@ -105,7 +105,7 @@ def test_a_move_beside_other_commands_tells_that_it_runs() -> None:
     assert 0.85 < desk.place[0] < 0.9
 
 
-def test_a_pose_out_of_reach_ends_ur_rtdes_program() -> None:
+def test_pose_out_of_reach_ends_ur_rtde_program() -> None:
     desk = Desk()
     ur = UrClient(desk)
     ur.command(24, [9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.002, 0.1, 300.0])
@@ -116,7 +116,7 @@ def test_a_pose_out_of_reach_ends_ur_rtdes_program() -> None:
     )
 
 
-def test_ur_rtdes_watchdog_stops_its_program() -> None:
+def test_ur_rtde_watchdog_stops_program() -> None:
     desk = Desk()
     ur = UrClient(desk)
     ur.do(35, [10.0])
@@ -127,7 +127,7 @@ def test_ur_rtdes_watchdog_stops_its_program() -> None:
 
 
 UNSHRUNK = (Phase.explicit, Phase.generate)
-"""A failing example is told as it is: to shrink it takes minutes."""
+"""Settings that report a failing example without shrinking it, which would take minutes."""
 WILD = st.one_of(
     st.sampled_from([0.0, 1.0, -1.0, 1e-300, 5e-324, 1e300, -1.7e308, math.inf, -math.inf, math.nan]),
     st.floats(-4.0, 4.0),
@@ -139,7 +139,7 @@ WILD = st.one_of(
     st.sampled_from([1, 0, -5]),
 )
 @settings(max_examples=100, phases=UNSHRUNK)
-def test_no_command_of_ur_rtde_upsets_the_controller(
+def test_arbitrary_ur_rtde_commands_do_not_break_controller(
     commands: list[tuple[int, list[float]]], flag: int
 ) -> None:
     desk = Desk()
@@ -154,7 +154,7 @@ def test_no_command_of_ur_rtde_upsets_the_controller(
 
 @given(st.lists(WILD, min_size=9, max_size=9), st.integers(0, 3))
 @settings(max_examples=100, phases=UNSHRUNK)
-def test_no_input_of_our_program_upsets_the_controller(values: list[float], command: int) -> None:
+def test_arbitrary_inputs_do_not_break_controller(values: list[float], command: int) -> None:
     desk = Desk()
     plug = desk.plug()
     recipe = inputs_of(plug, *INPUT_NAMES)

@@ -1,4 +1,4 @@
-"""A cell of devices that a third party wrote, by nothing but what `emulators.seams` says of them."""
+"""Tests of a cell of third-party devices that use only `emulators.seams`."""
 
 import math
 import struct
@@ -29,7 +29,7 @@ STREAM_FAULTS = {"stream": {"deaf": Fault("no target is heard", {"from_s": Param
 
 
 class StreamedRobot:
-    """A robot that takes positions as datagrams of three numbers, m, and has no kinematics. An endpoint too."""
+    """Robot that accepts positions as datagrams of three numbers, m, and has no kinematics. Also its endpoint."""
 
     def __init__(self, start: StartPose, now: float, seed: int) -> None:
         self.arm = FollowedArm(FollowedProfile(), Pose(start.position, start.quaternion), now)
@@ -71,7 +71,7 @@ class StreamedRobot:
 
 
 class PolledSensor:
-    """A sensor of 500 samples a second that a test reads without a wire."""
+    """Sensor with 500 samples per second that a test reads without a wire."""
 
     def __init__(self, source: WrenchSource, now: float, seed: int) -> None:
         self.reading = NoisyWrench(source, 500.0, (0.1, 0.1, 0.1, 0.01, 0.01, 0.01), seed)
@@ -87,7 +87,7 @@ class PolledSensor:
 
 @dataclass
 class Spring:
-    """A floor without damping, friction or memory."""
+    """Floor without damping, friction or memory."""
 
     height: float
     handlers: Mapping[str, Handler] = field(default_factory=dict)
@@ -115,7 +115,7 @@ def lower(cell: Cell[StreamedRobot, PolledSensor], z: float, now: float) -> None
     cell.robot.endpoint.receive([struct.pack("<3d", 0.9, -0.1, z)], now)
 
 
-def test_devices_that_know_the_seams_alone_make_a_cell() -> None:
+def test_third_party_devices_make_cell() -> None:
     cell = toy_cell()
     lower(cell, FLOOR - 0.005, T0 + 0.001)
     assert cell.sensor.force(T0 + 0.02) == pytest.approx(0.0, abs=0.6)
@@ -132,7 +132,7 @@ def test_devices_that_know_the_seams_alone_make_a_cell() -> None:
     assert truth.normal is None
 
 
-def test_the_contact_model_of_the_profile_is_the_default() -> None:
+def test_profile_contact_model_is_default() -> None:
     profile = CellProfile(tool=NO_TOOL, surface=SurfaceProfile(stiffness_n_m=3000.0, friction=0.0))
     cell = Cell(profile, T0, 1, Parts(StreamedRobot, PolledSensor))
     lower(cell, FLOOR - 0.002, T0)
@@ -141,20 +141,20 @@ def test_the_contact_model_of_the_profile_is_the_default() -> None:
     assert cell.true_state(T0 + 3.0).contact_force[2] == pytest.approx(9.0, abs=1e-6)
 
 
-def test_faults_are_those_of_the_parts_and_no_others() -> None:
+def test_faults_are_those_of_parts() -> None:
     cell = toy_cell()
     deaf = cell.inject("stream", "deaf", T0 + 0.5, for_s=1.0)
     lower(cell, FLOOR, T0 + 1.0)
     assert (cell.robot.accepted, deaf.struck) == (0, 1)
     lower(cell, FLOOR, T0 + 1.5)
     assert cell.robot.accepted == 1
-    with pytest.raises(ValueError, match=r"^no target is called 'robot'; known: stream, bus, surface[^\n]+$"):
+    with pytest.raises(ValueError, match=r"^unknown target 'robot'; known: stream, bus, surface[^\n]+$"):
         cell.inject("robot", "motors-off", T0 + 2.0)
     with pytest.raises(ValueError, match=r"^this cell cannot have surface: step; [^\n]+$"):
         cell.inject("surface", "step", T0 + 2.0)
 
 
-def test_a_surface_that_changes_is_told_to_the_sensor() -> None:
+def test_sensor_is_notified_of_surface_change() -> None:
     changes: list[Callable[[float], object]] = []
     spring = Spring(0.0)
 
@@ -165,17 +165,17 @@ def test_a_surface_that_changes_is_told_to_the_sensor() -> None:
     cell = toy_cell(made)
     # Read ahead of its time, as far as it is committed.
     ahead = cell.sensor.reading.samples.starting(round(T0 * 500) + 500, round(T0 * 500) + 500)
-    told: list[int] = []
-    cell.sensor.reading.samples.on_invalidate.append(told.append)
+    reported: list[int] = []
+    cell.sensor.reading.samples.on_invalidate.append(reported.append)
     assert len(ahead) > 1
     spring.height = 0.61
     changes[0](T0 + 1.0 + 1 / 500)
-    assert told == [round(T0 * 500) + 501]
+    assert reported == [round(T0 * 500) + 501]
     assert cell.sensor.force(T0 + 1.0) == pytest.approx(0.0, abs=0.6)
     assert cell.sensor.force(T0 + 1.0 + 2 / 500) == pytest.approx(-20.0, abs=0.6)
 
 
-def test_our_own_parts_are_what_the_seams_ask_for() -> None:
+def test_built_in_parts_implement_protocols() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1)
     robot: EmulatedRobot = cell.robot
     path: ArmPath = cell.robot.path
@@ -200,28 +200,28 @@ def swinging(times: Floats) -> Floats:
     return np.outer(np.sin(7.0 * times), (1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
 
 
-def test_samples_are_computed_once_and_ahead_until_they_are_invalid() -> None:
-    asked: list[tuple[int, int]] = []
+def test_samples_are_computed_once_until_invalidated() -> None:
+    requested: list[tuple[int, int]] = []
     source = KnownWrench(swinging, lambda now: now + 0.01, lambda now: now + 0.05)
 
     def make(first: int, stop: int) -> Floats:
-        asked.append((first, stop))
+        requested.append((first, stop))
         return source.wrench(np.arange(first, stop) / 1000.0)
 
     samples = Samples(source, 1000.0, make)
-    told: list[int] = []
-    samples.on_invalidate.append(told.append)
+    reported: list[int] = []
+    samples.on_invalidate.append(reported.append)
     assert len(samples.starting(5000, 5003)) == 53
     samples.starting(5010, 5012)
-    assert asked == [(5000, 5053)]
+    assert requested == [(5000, 5053)]
     source.on_change(5.02)
-    assert told == [5020]
+    assert reported == [5020]
     np.testing.assert_array_equal(samples.starting(5015, 5030)[:16], swinging(np.arange(5015, 5031) / 1000.0))
-    assert asked[1][0] == 5020
+    assert requested[1][0] == 5020
     assert (samples.committed_until(5.0), samples.predicted_until(5.0)) == (5.01, 5.05)
 
 
-def test_noise_belongs_to_a_samples_number_and_has_its_axis_rms() -> None:
+def test_noise_depends_on_sample_number() -> None:
     rms = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     source = KnownWrench(lambda times: np.zeros((len(times), 6)))
     first = 5_000_000
@@ -234,14 +234,14 @@ def test_noise_belongs_to_a_samples_number_and_has_its_axis_rms() -> None:
     assert not np.allclose(one_by_one[0], other)
 
 
-def test_a_time_belongs_to_the_newest_sample() -> None:
+def test_number_at_returns_newest_sample() -> None:
     reading = NoisyWrench(KnownWrench(swinging), 500.0, (0.0,) * 6, 1)
     assert [reading.number_at(5.0 + k / 500.0) for k in range(100)] == list(range(2500, 2600))
     assert reading.number_at(5.0019) == 2500
     assert reading.sample(2500)[2] == pytest.approx(3.0 * math.sin(35.0))
 
 
-def test_noise_can_be_altered_before_it_is_added() -> None:
+def test_noise_can_be_altered() -> None:
     noise, rows = NumberedNoise(1.0, 7), np.zeros((6, 2000))
     noise.add(rows, 100)
     louder = np.zeros((6, 2000))

@@ -1,4 +1,4 @@
-"""The page on fidelity has the tables of the runs with the errors of real sensors."""
+"""Tests that the page on fidelity has the tables of the runs with the errors of real sensors."""
 
 import json
 import runpy
@@ -19,28 +19,28 @@ def tool() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "tools" / "sensor_errors_doc.py"))
 
 
-def test_each_run_has_its_figures(tool: dict[str, Any]) -> None:
+def test_each_run_has_figures(tool: dict[str, Any]) -> None:
     measured = [tuple(row[name] for name in tool["Job"]._fields) for row in FIGURES]
     assert measured == [tuple(job) for job in tool["jobs"]()], (
         "run python -m tools.documents sensor-errors --measure"
     )
 
 
-def test_each_run_is_one_that_its_configuration_allows(tool: dict[str, Any]) -> None:
+def test_each_run_has_valid_configuration(tool: dict[str, Any]) -> None:
     for job in tool["jobs"]():
         config = load_config(None, tool["settings"](job))
         assert config.cell.surface.stiffness_n_m == job.stiffness_kn_m * 1e3
         assert len(config.faults) == bool(job.fault)
 
 
-def test_no_run_with_the_errors_that_our_sensors_have_was_stopped() -> None:
+def test_errors_of_our_sensors_stop_no_run() -> None:
     healthy = [row for row in FIGURES if not row["fault"] and row["errors"] != "as a CB3"]
     assert healthy
     assert not [row["cause"] for row in healthy if row["cause"]]
 
 
-def test_errors_weaken_the_guard_against_no_fault() -> None:
-    """The largest true force of a fault stays within a tenth, and one newton, of that without these errors."""
+def test_errors_do_not_weaken_guard() -> None:
+    """The largest true force of a fault stays within 10 %, and one newton, of the force without these errors."""
     faulty = [row for row in FIGURES if row["fault"] and row["errors"] != "as a CB3"]
     alone = {(row["robot"], row["fault"]): row for row in faulty if row["errors"] == "noise alone"}
     for row in faulty:

@@ -1,6 +1,6 @@
-"""The emulated controller with what a site has put into it: orders with memories, programs, several blocks.
+"""Tests of the emulated controller with site-specific extensions: orders with memories, programs, several blocks.
 
-The controller is asked through the project's own link: that its blocks and headers are right is shown elsewhere.
+The controller is accessed through the project's own link; other tests check its blocks and headers.
 """
 
 from dataclasses import replace
@@ -81,7 +81,7 @@ PROFILE = LinkProfile()
 
 
 class Host:
-    """Asks the controller over a wire without delay."""
+    """Host of the controller over a wire without delay."""
 
     def __init__(self, *definitions: OrderDefinition, programs: dict[int, bytes] | None = None) -> None:
         self.book = OrderBook(definitions)
@@ -97,7 +97,7 @@ class Host:
         self.blocks: tuple[bytes, ...] = ()
 
     def ask(self, *telegrams: Telegram) -> Telegram:
-        """The answer to one order, all its blocks joined."""
+        """Return the answer to one order, with all its blocks joined."""
         self.link.send([telegram.encode() for telegram in telegrams])
         while True:
             while to_robot := self.link.data_to_send(self.now):
@@ -125,7 +125,7 @@ class Host:
         return Refusal.from_telegram(self.ask(*telegrams)).code
 
 
-def test_a_register_is_read_in_the_answers_unit() -> None:
+def test_register_is_read_in_unit_of_answer() -> None:
     host = Host(READ, WRITE)
     assert host.call("read_register", number=3) == {"number": 3, "value": 1.5}
     assert host.call("write_register", number=3, value=-7.25) == {}
@@ -135,13 +135,13 @@ def test_a_register_is_read_in_the_answers_unit() -> None:
     assert host.call("read_register", number=5) == {"number": 5, "value": 1.5}
 
 
-def test_what_the_answer_cannot_hold_is_refused_with_31() -> None:
+def test_value_too_large_for_answer_is_refused_with_31() -> None:
     host = Host(READ, WRITE)
     host.call("write_register", number=3, value=1e6)
     assert host.refusal(*READ.telegrams({"number": 3}, None, PROFILE)) == 31
 
 
-def test_memories_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emulators.devices.s3.site.PLACE_LIMIT", 2)
     host = Host(READ, WRITE)
     host.call("write_register", number=1, value=1.0)
@@ -152,7 +152,7 @@ def test_memories_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert host.call("read_register", number=2)["value"] == 5.0
 
 
-def test_an_order_without_a_memory_keeps_nothing_but_may_echo() -> None:
+def test_order_without_memory_may_echo() -> None:
     echo = OrderDefinition(
         "echo",
         45,
@@ -165,7 +165,7 @@ def test_an_order_without_a_memory_keeps_nothing_but_may_echo() -> None:
     assert host.call("echo") == {"number": 0, "version": 33}
 
 
-def test_defined_orders_are_refused_like_known_ones() -> None:
+def test_site_orders_are_refused_like_known_ones() -> None:
     host = Host(READ)
     assert host.refusal(Telegram(6, 1, 1, b"\0\1")) == 2, "suffix"
     assert host.refusal(Telegram(6, 1, 0, b"\0")) == 255, "too short"
@@ -175,7 +175,7 @@ def test_defined_orders_are_refused_like_known_ones() -> None:
     assert host.refusal(Telegram(6, 1, 0, b"\0\1")) == 5
 
 
-def test_an_order_of_several_blocks_and_its_answer_come_whole() -> None:
+def test_multi_block_order_and_answer_are_complete() -> None:
     content = bytes(range(256)) * 3
     host = Host(SEND, FETCH)
     host.call("send_program", program=7, content=content)
@@ -184,7 +184,7 @@ def test_an_order_of_several_blocks_and_its_answer_come_whole() -> None:
     assert host.call("fetch", program=8) == {"content": b""}
 
 
-def test_several_blocks_are_refused_where_one_is_expected() -> None:
+def test_unexpected_multi_block_order_is_refused() -> None:
     host = Host(SEND, READ)
     long = split_telegram(Telegram(6, 1, 0, bytes(200)), 128)
     assert host.refusal(*long) == 4
@@ -194,7 +194,7 @@ def test_several_blocks_are_refused_where_one_is_expected() -> None:
     assert host.refusal(Telegram(6, 9, 0, b"\0\1")) == 255
 
 
-def test_a_program_with_contents_is_received_and_started() -> None:
+def test_uploaded_program_is_received_and_started() -> None:
     content = bytes(range(200)) * 2
     host = Host(programs={7: content, 9: b""})
     answer = ProgramAnswer.from_telegram(host.ask(receive_program(7)))
@@ -210,7 +210,7 @@ def test_a_program_with_contents_is_received_and_started() -> None:
     assert host.ask(start_program(1)).type == 2
 
 
-def test_a_site_adds_to_the_answer_of_a_known_order() -> None:
+def test_site_extends_answer_of_known_order() -> None:
     host, plain = Host(OVERRIDE), Host()
     values = host.call("read_status_more")
     assert values == plain.call("read_status") | {"override": 80}
@@ -219,7 +219,7 @@ def test_a_site_adds_to_the_answer_of_a_known_order() -> None:
     assert host.refusal(Telegram(19, 1, 1)) == 2
 
 
-def test_an_addition_that_cannot_be_answered_refuses_the_order() -> None:
+def test_invalid_extension_refuses_order() -> None:
     override = replace(
         OVERRIDE,
         order=payload(2, word("level", 8)),

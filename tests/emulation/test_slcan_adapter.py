@@ -1,4 +1,4 @@
-"""The emulated serial CAN adapter: answers as the LAWICEL CAN232, limits, python-can's way of opening it."""
+"""Tests of the emulated serial CAN adapter: answers like the LAWICEL CAN232, limits, and python-can as its host."""
 
 import can
 import pytest
@@ -13,25 +13,25 @@ from protocol.can.slcan import SlcanClient
 NOW = 1000.25
 
 
-def say(adapter: SlcanAdapter, text: bytes) -> bytes:
+def exchange(adapter: SlcanAdapter, text: bytes) -> bytes:
     adapter.receive(text, NOW)
     return adapter.data_to_send(NOW)
 
 
-def taken(adapter: SlcanAdapter) -> list[CanFrame]:
+def accepted_frames(adapter: SlcanAdapter) -> list[CanFrame]:
     frames = []
     while (frame := adapter.next_event()) is not None:
         frames.append(frame)
     return frames
 
 
-def opened(**profile: int) -> SlcanAdapter:
+def open_adapter(**profile: int) -> SlcanAdapter:
     adapter = SlcanAdapter(SlcanProfile(**profile))  # type: ignore[arg-type]
-    assert say(adapter, b"S8\rO\r") == b"\r\r"
+    assert exchange(adapter, b"S8\rO\r") == b"\r\r"
     return adapter
 
 
-def test_transcript_of_the_manual() -> None:
+def test_transcript_of_manual_matches() -> None:
     adapter = SlcanAdapter(SlcanProfile())
     for command, answer in [
         (b"\r", b"\r"),
@@ -62,9 +62,9 @@ def test_transcript_of_the_manual() -> None:
         (b"L\r", b"\r"),
         (b"t10021133\r", b"\a"),  # only listens
     ]:
-        assert say(adapter, command) == answer, command
+        assert exchange(adapter, command) == answer, command
     assert adapter.channel is Channel.LISTENING
-    assert taken(adapter) == [
+    assert accepted_frames(adapter) == [
         CanFrame(0x100, b"\x11\x33"),
         CanFrame(0x100, b"\x11\x33", extended=True),
         CanFrame(0x100, bytes(2), remote=True),
@@ -73,16 +73,16 @@ def test_transcript_of_the_manual() -> None:
     assert adapter.next_deadline() is None
 
 
-def test_frames_from_the_bus_become_text_while_open() -> None:
+def test_bus_frames_become_text_while_open() -> None:
     frame = CanFrame(0x601, bytes.fromhex("0100FFFF00403412"))
     adapter = SlcanAdapter(SlcanProfile())
     adapter.send_frames([frame], NOW)
     assert adapter.data_to_send(NOW) == b""
-    assert say(adapter, b"S8\rL\r") == b"\r\r"
+    assert exchange(adapter, b"S8\rL\r") == b"\r\r"
     adapter.send_frames([frame, CanFrame(0, error=True)], NOW)
     assert adapter.data_to_send(NOW) == b"t60180100FFFF00403412\r"
-    assert say(adapter, b"F\rF\r") == b"F80\rF00\r"
-    assert say(adapter, b"C\rZ1\rO\r") == b"\r\r\r"
+    assert exchange(adapter, b"F\rF\r") == b"F80\rF00\r"
+    assert exchange(adapter, b"C\rZ1\rO\r") == b"\r\r\r"
     adapter.send_frames([CanFrame(0x80)], 61.0005)
     assert adapter.data_to_send(NOW) == b"t080003E8\r"
 
@@ -90,40 +90,40 @@ def test_frames_from_the_bus_become_text_while_open() -> None:
 @pytest.mark.parametrize(
     ("setup", "passes"), [(b"S8\r", True), (b"s0014\r", True), (b"S6\r", False), (b"s031C\r", False)]
 )
-def test_no_frame_passes_at_a_wrong_bit_rate(setup: bytes, passes: bool) -> None:
+def test_no_frame_passes_at_wrong_bit_rate(setup: bytes, passes: bool) -> None:
     adapter = SlcanAdapter(SlcanProfile())
-    assert say(adapter, setup + b"O\r") == b"\r\r"
-    assert say(adapter, b"t0800\r") == b"z\r"
-    assert taken(adapter) == [CanFrame(0x80)] * passes
+    assert exchange(adapter, setup + b"O\r") == b"\r\r"
+    assert exchange(adapter, b"t0800\r") == b"z\r"
+    assert accepted_frames(adapter) == [CanFrame(0x80)] * passes
     adapter.send_frames([CanFrame(0x101, b"\0")], NOW)
     assert adapter.data_to_send(NOW) == b"t101100\r" * passes
-    assert say(adapter, b"F\r") == (b"F00\r" if passes else b"F80\r")
+    assert exchange(adapter, b"F\r") == (b"F00\r" if passes else b"F80\r")
 
 
 @pytest.mark.parametrize("registers", [b"s\r", b"s00\r", b"s00145\r", b"sxxyy\r", b"s\xff\xff\r"])
-def test_registers_that_are_none(registers: bytes) -> None:
-    assert say(SlcanAdapter(SlcanProfile()), registers) == b"\a"
+def test_invalid_registers_are_refused(registers: bytes) -> None:
+    assert exchange(SlcanAdapter(SlcanProfile()), registers) == b"\a"
 
 
 def test_buffers_are_bounded_and_losses_are_flagged() -> None:
-    adapter = opened(frames_limit=3, text_limit=64)
-    assert say(adapter, b"t0800\r" * 5) == b"z\r" * 3 + b"\a" * 2
-    assert len(taken(adapter)) == 3
-    assert say(adapter, b"F\r") == b"F02\r"
+    adapter = open_adapter(frames_limit=3, text_limit=64)
+    assert exchange(adapter, b"t0800\r" * 5) == b"z\r" * 3 + b"\a" * 2
+    assert len(accepted_frames(adapter)) == 3
+    assert exchange(adapter, b"F\r") == b"F02\r"
     adapter.send_frames([CanFrame(0x601, bytes(8))] * 100, NOW)
     assert adapter.data_to_send(NOW) == b"t6018" + b"0" * 16 + b"\r" + b"t6018" + b"0" * 16 + b"\r"
-    assert say(adapter, b"F\r") == b"F01\r"
+    assert exchange(adapter, b"F\r") == b"F01\r"
     adapter.receive(b"\r" * 1000, NOW)
     assert len(adapter.data_to_send(NOW)) == 64
 
 
 @given(st.binary(max_size=200), st.integers(1, 9))
-def test_any_bytes_in_any_split_and_then_a_frame(garbage: bytes, size: int) -> None:
-    adapter, text = opened(), garbage + b"\rC\rS8\rO\rt0800\r"
+def test_frame_is_read_after_arbitrary_bytes(garbage: bytes, size: int) -> None:
+    adapter, text = open_adapter(), garbage + b"\rC\rS8\rO\rt0800\r"
     for start in range(0, len(text), size):
         adapter.receive(text[start : start + size], NOW)
     assert adapter.data_to_send(NOW).endswith(b"\r\rz\r")
-    assert taken(adapter)[-1] == CanFrame(0x80)
+    assert accepted_frames(adapter)[-1] == CanFrame(0x80)
 
 
 def test_python_can_opens_sends_and_receives(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,7 +157,7 @@ def test_python_can_opens_sends_and_receives(monkeypatch: pytest.MonkeyPatch) ->
     bus = slcanBus("/dev/none", bitrate=1_000_000, sleep_after_open=0)
     assert adapter.channel is Channel.OPEN
     bus.send(can.Message(arbitration_id=0x201, data=bytes.fromhex("C80010270000"), is_extended_id=False))
-    assert [str(frame) for frame in taken(adapter)] == ["201#C80010270000"]
+    assert [str(frame) for frame in accepted_frames(adapter)] == ["201#C80010270000"]
     adapter.send_frames([CanFrame(0x101, b"\0")], NOW)
     port.text += adapter.data_to_send(NOW)
     message = next(m for m in (bus.recv(timeout=0.001) for _ in range(20)) if m is not None)
@@ -168,15 +168,15 @@ def test_python_can_opens_sends_and_receives(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_our_client_opens_sends_receives_and_closes() -> None:
     adapter, client = SlcanAdapter(SlcanProfile()), SlcanClient(1_000_000)
-    client.receive(say(adapter, client.data_to_send(NOW)), NOW)
+    client.receive(exchange(adapter, client.data_to_send(NOW)), NOW)
     assert adapter.channel is Channel.OPEN
     client.send([CanFrame(0x201, bytes.fromhex("C80010270000"))])
-    client.receive(say(adapter, client.data_to_send(NOW)), NOW)
-    assert [str(frame) for frame in taken(adapter)] == ["201#C80010270000"]
+    client.receive(exchange(adapter, client.data_to_send(NOW)), NOW)
+    assert [str(frame) for frame in accepted_frames(adapter)] == ["201#C80010270000"]
     adapter.send_frames([CanFrame(0x101, b"\0")], NOW)
     client.receive(adapter.data_to_send(NOW), NOW)
     assert client.next_event() == CanFrame(0x101, b"\0")
     assert (client.next_event(), client.malformed) == (None, 0)
     client.close()
-    say(adapter, client.data_to_send(NOW))
+    exchange(adapter, client.data_to_send(NOW))
     assert adapter.channel is Channel.CLOSED

@@ -1,4 +1,4 @@
-"""A tool with a face: a disc of contact points that gives moments when it stands askew."""
+"""Tests of a tool with a face: a disc of contact points that produces moments when it is tilted."""
 
 import math
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
 from emulators.surface.contact import SurfaceKind, SurfaceProfile
-from emulators.surface.face import Face, ring_points, turning_of
+from emulators.surface.face import Face, ring_points, turn_rates
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
@@ -27,13 +27,13 @@ def cell_with(surface: SurfaceProfile, radius_mm: float = 1000.0 * RADIUS, rings
 
 
 def tilted(degrees: float) -> tuple[float, float, float, float]:
-    """Tool down, turned about base x."""
+    """Return the orientation of a tool pointing down, turned about base x."""
     half = math.radians(degrees) / 2.0
     return (math.sin(half), math.cos(half), 0.0, 0.0)
 
 
 def wrench_at(cell: PaperCell, position: tuple[float, float, float], quaternion=DOWN) -> np.ndarray:
-    """Wrench about the tool centre point once the tool rests there."""
+    """Return the wrench about the tool centre point once the tool is stationary there."""
     cell.robot.motion.enqueue(Waypoint(position, quaternion, AT_ONCE), T0)
     wrench = cell.wrench(np.array([T0 + 6.0]))[0]
     wrench[3:] -= np.cross([0.0, 0.0, LENGTH], wrench[:3])
@@ -41,7 +41,7 @@ def wrench_at(cell: PaperCell, position: tuple[float, float, float], quaternion=
 
 
 @pytest.mark.parametrize("rings", [1, 2, 3])
-def test_the_points_of_a_face_stand_for_equal_areas(rings: int) -> None:
+def test_points_of_face_represent_equal_areas(rings: int) -> None:
     points = ring_points(0.02, rings)
     assert points.shape == (3, 1 + 3 * rings * (rings + 1)) == (3, Face(0.02, rings).count)
     assert points.mean(axis=1) == pytest.approx([0.0] * 3, abs=1e-15)
@@ -55,9 +55,7 @@ def test_the_points_of_a_face_stand_for_equal_areas(rings: int) -> None:
 
 
 @pytest.mark.parametrize(("stiffness", "depth"), [(5000.0, 0.002), (50_000.0, 0.002)])
-def test_a_skew_tool_is_pushed_back_by_a_quarter_of_stiffness_and_squared_radius(
-    stiffness: float, depth: float
-) -> None:
+def test_tilting_stiffness_is_quarter_of_k_r_squared(stiffness: float, depth: float) -> None:
     degrees = 2.0
     surface = SurfaceProfile(stiffness_n_m=stiffness)
     straight = wrench_at(cell_with(surface), (0.9, 0.0, 0.59 - depth))
@@ -70,7 +68,7 @@ def test_a_skew_tool_is_pushed_back_by_a_quarter_of_stiffness_and_squared_radius
     assert skew[3] == pytest.approx(math.copysign(moment, skew[3]), rel=0.02)
 
 
-def test_the_moment_turns_the_tool_flat() -> None:
+def test_moment_turns_tool_flat() -> None:
     degrees = 2.0
     cell = cell_with(SurfaceProfile())
     skew = wrench_at(cell, (0.9, 0.0, 0.588), tilted(degrees))
@@ -87,7 +85,7 @@ def test_the_moment_turns_the_tool_flat() -> None:
     assert tilt(turned) < tilt(quaternion)
 
 
-def test_only_the_points_below_the_surface_push() -> None:
+def test_only_points_below_surface_push() -> None:
     surface = SurfaceProfile(stiffness_n_m=50_000.0)
     wrench = wrench_at(cell_with(surface), (0.9, 0.0, 0.5898), tilted(5.0))
     # The lower half of a disc at 5° reaches deeper than the middle: more force than of a point, far off the axis.
@@ -96,7 +94,7 @@ def test_only_the_points_below_the_surface_push() -> None:
     assert 0.3 * RADIUS < arm < RADIUS
 
 
-def test_a_face_on_a_ball_feels_less_than_a_point() -> None:
+def test_face_on_sphere_has_less_force_than_point() -> None:
     ball = SurfaceProfile(kind=SurfaceKind.SPHERE, radius_mm=300.0)
     point = wrench_at(cell_with(ball, 0.0), (0.9, 0.0, 0.588))
     disc = wrench_at(cell_with(ball), (0.9, 0.0, 0.588))
@@ -105,7 +103,7 @@ def test_a_face_on_a_ball_feels_less_than_a_point() -> None:
     assert disc[3:] == pytest.approx([0.0] * 3, abs=1e-4)
 
 
-def test_a_face_of_nearly_nothing_is_a_point() -> None:
+def test_tiny_face_acts_like_point() -> None:
     surface = SurfaceProfile(kind=SurfaceKind.SINUSOIDAL, friction=0.5)
     times = T0 + np.arange(0.0, 3.0, 0.001)
 
@@ -118,7 +116,7 @@ def test_a_face_of_nearly_nothing_is_a_point() -> None:
     np.testing.assert_allclose(wrenches(1e-6), wrenches(0.0), rtol=0.0, atol=1e-6)
 
 
-def test_the_wrench_of_a_face_does_not_depend_on_how_it_is_read() -> None:
+def test_wrench_of_face_is_independent_of_blocks() -> None:
     times = T0 + np.arange(0.0, 2.0, 0.001)
 
     def moved() -> PaperCell:
@@ -127,18 +125,18 @@ def test_the_wrench_of_a_face_does_not_depend_on_how_it_is_read() -> None:
         cell.robot.motion.enqueue(Waypoint((0.9, 0.1, 0.584), tilted(10.0), 0.05), T0 + 0.5)
         return cell
 
-    whole, forces = moved().wrench(times), moved().contact_forces(times)
+    complete, forces = moved().wrench(times), moved().contact_forces(times)
     cut = moved()
     parts = np.split(times, [1, 9, 700, 777, 1300])
     # The product of matrices alone may differ in its last bit with the number of samples.
     np.testing.assert_allclose(
-        np.concatenate([cut.wrench(part) for part in parts]), whole, rtol=0, atol=1e-14
+        np.concatenate([cut.wrench(part) for part in parts]), complete, rtol=0, atol=1e-14
     )
     np.testing.assert_array_equal(np.concatenate([cut.contact_forces(part) for part in parts]), forces)
-    assert np.ptp(whole[:, 3]) > 0.02
+    assert np.ptp(complete[:, 3]) > 0.02
 
 
-def test_the_true_force_is_the_sum_over_the_face() -> None:
+def test_true_force_is_sum_over_face() -> None:
     cell = cell_with(SurfaceProfile(friction=0.0))
     wrench = wrench_at(cell, (0.9, 0.0, 0.588), tilted(3.0))
     truth = cell.true_state(T0 + 6.0)
@@ -147,7 +145,7 @@ def test_the_true_force_is_the_sum_over_the_face() -> None:
     np.testing.assert_array_equal(cell.contact_forces(np.array([T0 + 6.0]))[0], truth.contact_force)
 
 
-def test_a_face_on_a_material_with_memory_is_refused() -> None:
+def test_face_on_material_with_memory_is_refused() -> None:
     solid = SurfaceProfile(material=MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID))
     with pytest.raises(ValueError, match="face_radius_mm must be 0 on a material with memory"):
         cell_with(solid)
@@ -178,7 +176,7 @@ unit = st.floats(-1.0, -1e-3) | st.floats(1e-3, 1.0)
     st.floats(-3.0, 3.0),
     st.sampled_from((1, -1)),
 )
-def test_the_turning_between_two_orientations_is_that_of_the_base_frame(
+def test_turn_rates_are_in_base_frame(
     axis: tuple[float, ...], start: tuple[float, ...], angle: float, sign: int
 ) -> None:
     x, y, z = np.array(axis) / np.linalg.norm(axis)
@@ -186,15 +184,15 @@ def test_the_turning_between_two_orientations_is_that_of_the_base_frame(
     before = (w, a, b, c)
     now = product(about((x, y, z), angle), before)
     flipped = (sign * now[0], sign * now[1], sign * now[2], sign * now[3])
-    found = turning_of([(slice(0, 2), flipped)], [(slice(0, 2), before)], 0.5)
-    if found is None:
+    result = turn_rates([(slice(0, 2), flipped)], [(slice(0, 2), before)], 0.5)
+    if result is None:
         assert abs(angle) < 1e-9
     else:
         expected = np.array([[x, y, z]] * 2).T * angle / 0.5
-        np.testing.assert_allclose(found, expected, atol=1e-6)
+        np.testing.assert_allclose(result, expected, atol=1e-6)
 
 
-def test_a_tool_that_turns_about_its_axis_meets_torsional_friction() -> None:
+def test_turning_tool_has_torsional_friction() -> None:
     surface = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1e-3)
     cell = cell_with(surface)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, 0.588), DOWN, AT_ONCE), T0)
@@ -210,7 +208,7 @@ def test_a_tool_that_turns_about_its_axis_meets_torsional_friction() -> None:
     assert mz == pytest.approx([0.0, 0.3 * -fz[1] * 2.0 / 3.0 * RADIUS, 0.0], rel=0.02, abs=1e-9)
 
 
-def test_a_fault_of_the_surface_counts_samples_and_not_points() -> None:
+def test_surface_fault_counts_samples_not_points() -> None:
     def struck(radius_mm: float) -> int:
         cell = cell_with(SurfaceProfile(), radius_mm)
         cell.robot.motion.enqueue(Waypoint((0.9, 0.0, 0.588), DOWN, AT_ONCE), T0)

@@ -1,4 +1,4 @@
-"""Removal: a tool that slides under pressure lowers the surface below it."""
+"""Tests of removal: a tool that slides under pressure lowers the surface below it."""
 
 import math
 from typing import Any
@@ -24,29 +24,31 @@ UM = 1e-6
 SOLID = MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID)
 
 
-def worn(um_per_n_cm2_m: float = 1.0, **others: Any) -> SurfaceProfile:
+def wear_profile(um_per_n_cm2_m: float = 1.0, **others: Any) -> SurfaceProfile:
     removal = RemovalProfile(um_per_n_cm2_m, **others)
     return SurfaceProfile(damping_ns_m=0.0, friction=0.0, removal=removal)
 
 
-def stroke(contact: Contact, begin: float, way: float, speed: float = 0.02, at: float = T0) -> np.ndarray:
-    """Forces of a stroke along the path (base y) 2 mm deep, at 8 kHz."""
-    times = at + np.arange(1, round(way / abs(speed) * RATE) + 1) / RATE
+def stroke(
+    contact: Contact, begin: float, distance: float, speed: float = 0.02, at: float = T0
+) -> np.ndarray:
+    """Return the forces of a stroke along the path (base y), 2 mm deep, at 8 kHz."""
+    times = at + np.arange(1, round(distance / abs(speed) * RATE) + 1) / RATE
     along = begin + speed * (times - at)
     positions = np.column_stack((np.full_like(along, 0.9), along, np.full_like(along, TOP - 0.002)))
     velocities = np.tile([0.0, speed, 0.0], (len(times), 1))
     return contact.force(positions, velocities, times)
 
 
-def test_by_default_nothing_is_removed_and_nothing_remembered() -> None:
+def test_no_removal_and_no_memory_by_default() -> None:
     contact = Contact(SurfaceProfile())
     stroke(contact, 0.0, 0.01)
     assert contact.removed is None
     assert contact.remembered_until is None
 
 
-def test_the_volume_is_that_of_preston() -> None:
-    contact = Contact(worn(2.0))
+def test_volume_follows_preston() -> None:
+    contact = Contact(wear_profile(2.0))
     forces = stroke(contact, -0.03, 0.06)
     removed = contact.removed
     assert removed is not None
@@ -56,8 +58,8 @@ def test_the_volume_is_that_of_preston() -> None:
     assert forces[:, 2] == pytest.approx(10.0, rel=1e-3)
 
 
-def test_a_disc_removes_along_its_middle_by_its_width() -> None:
-    contact = Contact(worn(1.0, point_radius_mm=5.0))
+def test_disc_removes_across_its_width() -> None:
+    contact = Contact(wear_profile(1.0, point_radius_mm=5.0))
     stroke(contact, -0.03, 0.06)
     removed = contact.removed
     assert removed is not None
@@ -69,9 +71,9 @@ def test_a_disc_removes_along_its_middle_by_its_width() -> None:
     assert len(track) * removed.spacing == pytest.approx(0.01, abs=0.0021)
 
 
-def test_the_points_of_a_face_remove_as_much_as_its_area_says() -> None:
+def test_face_removes_according_to_area() -> None:
     face = Face(0.005, 3)
-    contact = Contact(worn(1.0), face=face)
+    contact = Contact(wear_profile(1.0), face=face)
     times = T0 + np.arange(1, 12_001) / RATE
     along = -0.015 + 0.02 * (times - T0)
     centres = np.column_stack((np.full_like(along, 0.9), along, np.full_like(along, TOP - 0.002)))
@@ -79,7 +81,7 @@ def test_the_points_of_a_face_remove_as_much_as_its_area_says() -> None:
     quaternion = ((slice(0, len(times)), DOWN),)
     spread = face.spread(centres, velocities, quaternion, lambda q: np.diag([1.0, -1.0, -1.0]))
     forces = contact.force(spread.positions, spread.velocities, np.repeat(times, face.count))
-    assert face.gathered(forces, spread.arms).force[:, 2] == pytest.approx(10.0, rel=2e-3)
+    assert face.gather(forces, spread.arms).force[:, 2] == pytest.approx(10.0, rel=2e-3)
     removed = contact.removed
     assert removed is not None
     assert removed.depths.sum() * removed.spacing**2 == pytest.approx(1e-10 * 10.0 * 0.03, rel=2e-3)
@@ -88,8 +90,8 @@ def test_the_points_of_a_face_remove_as_much_as_its_area_says() -> None:
     assert middle == pytest.approx(1.0 * UM * 10.0 / (math.pi * 0.25) * 0.01, rel=0.08)
 
 
-def test_the_next_pass_reaches_deeper() -> None:
-    contact = Contact(worn(1000.0))
+def test_next_pass_reaches_deeper() -> None:
+    contact = Contact(wear_profile(1000.0))
     first = stroke(contact, -0.03, 0.06)[2400, 2]
     removed = contact.removed
     assert removed is not None
@@ -105,8 +107,8 @@ def test_the_next_pass_reaches_deeper() -> None:
     assert second < first
 
 
-def test_a_tool_at_rest_and_one_in_the_air_remove_nothing() -> None:
-    contact = Contact(worn(1000.0))
+def test_stationary_or_lifted_tool_removes_nothing() -> None:
+    contact = Contact(wear_profile(1000.0))
     times = T0 + np.arange(1, 4001) / RATE
     rest = np.tile([0.9, 0.0, TOP - 0.002], (len(times), 1))
     contact.force(rest, np.zeros_like(rest), times)
@@ -118,8 +120,8 @@ def test_a_tool_at_rest_and_one_in_the_air_remove_nothing() -> None:
     assert not contact.removed.depths.any()
 
 
-def test_between_two_samples_far_apart_nothing_is_removed() -> None:
-    contact = Contact(worn(1000.0))
+def test_gap_between_samples_removes_nothing() -> None:
+    contact = Contact(wear_profile(1000.0))
     place, velocity = np.array([[0.9, 0.0, TOP - 0.002]]), np.array([[0.0, 0.1, 0.0]])
     for at in (T0, T0 + 0.2, T0 + 10.0):
         contact.force(place, velocity, np.array([at]))
@@ -129,8 +131,8 @@ def test_between_two_samples_far_apart_nothing_is_removed() -> None:
     assert contact.removed.depths.any()
 
 
-def test_beyond_the_map_nothing_is_removed() -> None:
-    contact = Contact(worn(1000.0, length_mm=20.0, width_mm=10.0))
+def test_nothing_is_removed_outside_map() -> None:
+    contact = Contact(wear_profile(1000.0, length_mm=20.0, width_mm=10.0))
     stroke(contact, 0.02, 0.02)
     assert contact.removed is not None
     assert not contact.removed.depths.any()
@@ -139,7 +141,7 @@ def test_beyond_the_map_nothing_is_removed() -> None:
     assert contact.depth_and_normal(np.array([[0.9, 0.0101, TOP - 0.001]]))[0] == pytest.approx([0.001])
 
 
-def test_the_map_tells_where_it_lies() -> None:
+def test_map_has_its_position() -> None:
     profile = SurfaceProfile(
         path_deg=0.0, origin_x_mm=800.0, origin_y_mm=50.0, removal=RemovalProfile(1.0, 2.0, 40.0, 20.0)
     )
@@ -158,7 +160,7 @@ def test_the_map_tells_where_it_lies() -> None:
 
 
 def course(contact: Contact, cuts: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and map of a wandering stroke, its samples cut into blocks."""
+    """Return forces and map of an irregular stroke whose samples are divided into blocks."""
     chance = np.random.default_rng(4)
     times = 100.0 + np.arange(1, 1201) / RATE
     velocities = np.tile([0.01, 0.05, 0.0], (1200, 1)) + chance.normal(0.0, 0.01, (1200, 3))
@@ -172,9 +174,7 @@ def course(contact: Contact, cuts: list[int]) -> tuple[np.ndarray, np.ndarray]:
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(1, 1199), max_size=8))
 @pytest.mark.parametrize("material", [MaterialProfile(), SOLID], ids=lambda m: m.kind)
-def test_forces_and_map_are_the_same_however_the_samples_are_cut(
-    material: MaterialProfile, cuts: list[int]
-) -> None:
+def test_forces_and_map_are_independent_of_blocks(material: MaterialProfile, cuts: list[int]) -> None:
     profile = SurfaceProfile(material=material, removal=RemovalProfile(1e5))
     forces, depths = course(Contact(profile), [])
     again, map_again = course(Contact(profile), sorted(set(cuts)))
@@ -184,16 +184,16 @@ def test_forces_and_map_are_the_same_however_the_samples_are_cut(
 
 
 @pytest.mark.parametrize("back", [1, 79, 80, 81, 600, 1150])
-def test_rewinding_undoes_exactly(back: int) -> None:
-    contact = Contact(worn(1e5))
+def test_rewind_restores_exact_state(back: int) -> None:
+    contact = Contact(wear_profile(1e5))
     course(contact, list(range(60, 1200, 60)))
     time = 100.0 + (1200 - back) / RATE
     contact.rewind(time)
-    shown = contact.remembered_until
-    assert shown is not None
-    done = max(round((max(shown, 0.0) - 100.0) * RATE), 0)
+    displayed = contact.remembered_until
+    assert displayed is not None
+    done = max(round((max(displayed, 0.0) - 100.0) * RATE), 0)
     assert 1200 - back - 60 <= done < 1200 - back + 1
-    fresh = Contact(worn(1e5))
+    fresh = Contact(wear_profile(1e5))
     course_until(fresh, done)
     assert contact.removed is not None
     assert fresh.removed is not None
@@ -209,8 +209,8 @@ def course_until(contact: Contact, count: int) -> None:
         contact.force(positions[:count], velocities[:count], times[:count])
 
 
-def test_questions_aside_change_nothing() -> None:
-    contact, untouched = Contact(worn(1e5)), Contact(worn(1e5))
+def test_queries_aside_change_nothing() -> None:
+    contact, untouched = Contact(wear_profile(1e5)), Contact(wear_profile(1e5))
     for each in (contact, untouched):
         stroke(each, -0.02, 0.01)
     twin = contact.aside()
@@ -225,24 +225,24 @@ def test_questions_aside_change_nothing() -> None:
     np.testing.assert_array_equal(contact.removed.depths, untouched.removed.depths)
 
 
-def test_what_is_kept_for_going_back_stays_bounded() -> None:
-    contact = Contact(worn(1e5))
+def test_kept_history_is_bounded() -> None:
+    contact = Contact(wear_profile(1e5))
     for k in range(200):
         stroke(contact, -0.01 + 0.0002 * k, 0.0002, at=T0 + k * 0.01)
     contact.rewind(0.0)
-    shown = contact.remembered_until
-    assert shown is not None
-    assert T0 + 1.3 < shown < T0 + 1.4  # 64 blocks of 10 ms
+    displayed = contact.remembered_until
+    assert displayed is not None
+    assert T0 + 1.3 < displayed < T0 + 1.4  # 64 blocks of 10 ms
 
 
-def test_a_surface_that_wears_asks_for_the_times() -> None:
+def test_wearing_surface_requires_times() -> None:
     place = np.array([[0.9, 0.0, TOP - 0.002]])
     with pytest.raises(ValueError, match="times"):
-        Contact(worn()).force(place, np.zeros_like(place))
+        Contact(wear_profile()).force(place, np.zeros_like(place))
 
 
 @pytest.mark.parametrize(
-    ("bad", "says"),
+    ("bad", "message"),
     [
         ({"um_per_n_cm2_m": -1.0}, "um_per_n_cm2_m must be at least 0"),
         ({"um_per_n_cm2_m": math.nan}, "um_per_n_cm2_m must be a number"),
@@ -252,19 +252,19 @@ def test_a_surface_that_wears_asks_for_the_times() -> None:
         ({"length_mm": math.inf}, "more than 1048576 cells"),
     ],
 )
-def test_a_removal_that_cannot_be_is_refused(bad: dict[str, float], says: str) -> None:
-    with pytest.raises(ValueError, match=says) as caught:
+def test_invalid_removal_is_refused(bad: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
         RemovalProfile(**bad)
     assert "\n" not in str(caught.value)
 
 
-def test_a_map_too_fine_for_the_tool_is_refused() -> None:
+def test_map_too_fine_for_tool_is_refused() -> None:
     limit = RADIUS_LIMIT_CELLS
-    Contact(worn(1.0, cell_mm=1.0, point_radius_mm=limit))
+    Contact(wear_profile(1.0, cell_mm=1.0, point_radius_mm=limit))
     with pytest.raises(
-        ValueError, match=r"surface\.removal\.cell_mm of 1 is too fine .* take at least 2\.08"
+        ValueError, match=r"surface\.removal\.cell_mm of 1 is too fine .* allowed: at least 2\.08"
     ):
-        Contact(worn(1.0, cell_mm=1.0, point_radius_mm=50.0))
+        Contact(wear_profile(1.0, cell_mm=1.0, point_radius_mm=50.0))
 
 
 def moving_cell(profile: SurfaceProfile, radius_mm: float) -> PaperCell:
@@ -276,29 +276,29 @@ def moving_cell(profile: SurfaceProfile, radius_mm: float) -> PaperCell:
 
 
 @pytest.mark.parametrize("radius_mm", [0.0, 8.0])
-def test_the_cell_wears_as_the_tool_moves_and_not_as_it_is_read(radius_mm: float) -> None:
-    profile, times = worn(1e4), T0 + np.arange(1, 12_001) / RATE
+def test_wear_is_independent_of_reads(radius_mm: float) -> None:
+    profile, times = wear_profile(1e4), T0 + np.arange(1, 12_001) / RATE
     cell = moving_cell(profile, radius_mm)
-    whole = cell.wrench(times)
+    complete = cell.wrench(times)
     other = moving_cell(profile, radius_mm)
     parts = []
     for part in np.split(times, [1, 100, 4000, 4001, 9999]):
         parts.append(other.wrench(part))
         other.true_state(float(part[-1]))
         other.contact_forces(part[-1:] + 0.01)
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    np.testing.assert_array_equal(np.concatenate(parts), complete)
     assert cell.removed is not None
     assert other.removed is not None
     np.testing.assert_array_equal(other.removed.depths, cell.removed.depths)
     assert cell.removed.depths.max() > 10.0 * UM
     # A cell that is not read meanwhile catches up.
     late = moving_cell(profile, radius_mm)
-    np.testing.assert_array_equal(late.wrench(times[:1]), whole[:1])
-    np.testing.assert_allclose(late.wrench(times[-1:]), whole[-1:], rtol=1e-12)
+    np.testing.assert_array_equal(late.wrench(times[:1]), complete[:1])
+    np.testing.assert_allclose(late.wrench(times[-1:]), complete[-1:], rtol=1e-12)
 
 
-def test_a_fault_that_comes_while_the_surface_wears_is_met_as_if_it_had_been_known() -> None:
-    profile, times = worn(1e4), T0 + np.arange(1, 12_001) / RATE
+def test_fault_during_wear_acts_as_if_predicted() -> None:
+    profile, times = wear_profile(1e4), T0 + np.arange(1, 12_001) / RATE
     surprised, knowing = moving_cell(profile, 0.0), moving_cell(profile, 0.0)
     surprised.wrench(times[:8000])
     surprised.inject("surface", "step", T0 + 0.95, mm=-1.0)
@@ -311,5 +311,5 @@ def test_a_fault_that_comes_while_the_surface_wears_is_met_as_if_it_had_been_kno
     np.testing.assert_array_equal(surprised.removed.depths, knowing.removed.depths)
 
 
-def test_a_cell_whose_surface_does_not_wear_has_no_map() -> None:
+def test_cell_without_wear_has_no_map() -> None:
     assert moving_cell(SurfaceProfile(), 0.0).removed is None

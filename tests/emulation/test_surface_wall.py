@@ -1,4 +1,4 @@
-"""A wall and a step across the path."""
+"""Tests of a wall and a step across the path."""
 
 import math
 
@@ -16,8 +16,8 @@ T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)
 
 
-def pushed(profile: SurfaceProfile, along_mm: float, up_mm: float, speed: float = 0.0) -> np.ndarray:
-    """Force with the path along base y, at a height above the surface before the wall, while moving along it."""
+def push(profile: SurfaceProfile, along_mm: float, up_mm: float, speed: float = 0.0) -> np.ndarray:
+    """Return the force at a height above the surface before the wall, while moving along the path (base y)."""
     place, velocity = np.array([[0.9, along_mm / 1e3, TOP + up_mm / 1e3]]), np.array([[0.0, speed, 0.0]])
     return Contact(profile).force(place, velocity)[0]
 
@@ -26,29 +26,29 @@ WALL = SurfaceProfile(wall_at_mm=20.0, damping_ns_m=0.0, friction=0.0)
 STEP = SurfaceProfile(wall_at_mm=20.0, wall_height_mm=2.0, damping_ns_m=0.0, friction=0.0)
 
 
-def test_before_the_wall_the_surface_is_as_without_it() -> None:
+def test_surface_before_wall_is_unchanged() -> None:
     without = SurfaceProfile(damping_ns_m=0.0, friction=0.0)
     for along in (-50.0, 0.0, 19.99):
-        assert (pushed(WALL, along, -2.0) == pushed(without, along, -2.0)).all()
+        assert (push(WALL, along, -2.0) == push(without, along, -2.0)).all()
 
 
-def test_a_wall_pushes_back_sideways_and_the_surface_below_goes_on_pushing() -> None:
-    assert pushed(WALL, 20.4, -2.0) == pytest.approx([0.0, -50_000.0 * 0.0004, 10.0])
-    assert pushed(WALL, 20.4, 30.0) == pytest.approx([0.0, -20.0, 0.0])
-    assert pushed(WALL, 20.4, 1001.0) == pytest.approx([0.0, 0.0, 0.0])
+def test_wall_and_surface_below_both_push() -> None:
+    assert push(WALL, 20.4, -2.0) == pytest.approx([0.0, -50_000.0 * 0.0004, 10.0])
+    assert push(WALL, 20.4, 30.0) == pytest.approx([0.0, -20.0, 0.0])
+    assert push(WALL, 20.4, 1001.0) == pytest.approx([0.0, 0.0, 0.0])
 
 
-def test_behind_its_edge_a_step_is_the_surface_raised() -> None:
-    assert pushed(STEP, 30.0, 0.0) == pytest.approx([0.0, 0.0, 10.0])
-    assert pushed(STEP, 30.0, 2.1) == pytest.approx([0.0] * 3)
+def test_surface_beyond_step_is_raised() -> None:
+    assert push(STEP, 30.0, 0.0) == pytest.approx([0.0, 0.0, 10.0])
+    assert push(STEP, 30.0, 2.1) == pytest.approx([0.0] * 3)
 
 
-def test_the_shorter_way_out_decides() -> None:
-    assert pushed(STEP, 20.5, 1.0) == pytest.approx([0.0, -25.0, 0.0])  # 0.5 mm aside, 1 mm to the top
-    assert pushed(STEP, 21.5, 1.0) == pytest.approx([0.0, 0.0, 5.0])
+def test_shorter_direction_out_decides() -> None:
+    assert push(STEP, 20.5, 1.0) == pytest.approx([0.0, -25.0, 0.0])  # 0.5 mm aside, 1 mm to the top
+    assert push(STEP, 21.5, 1.0) == pytest.approx([0.0, 0.0, 5.0])
 
 
-def test_the_upright_face_has_friction_and_never_pulls() -> None:
+def test_upright_face_has_friction_and_never_pulls() -> None:
     rough = SurfaceProfile(wall_at_mm=20.0, friction=0.3, friction_smoothing_mm_s=1e-6)
     place = np.array([[0.9, 0.0204, TOP + 0.03]])
     force = Contact(rough).force(place, np.array([[0.03, 0.0, -0.04]]))[0]
@@ -59,16 +59,16 @@ def test_the_upright_face_has_friction_and_never_pulls() -> None:
 @pytest.mark.parametrize("kind", [kind for kind in SurfaceKind if kind is not SurfaceKind.HEIGHT_MAP])
 def test_every_shape_may_have_a_wall(kind: SurfaceKind) -> None:
     profile = SurfaceProfile(kind=kind, wall_at_mm=20.0, damping_ns_m=0.0, friction=0.0)
-    assert pushed(profile, 20.2, 20.0) == pytest.approx([0.0, -10.0, 0.0])
-    assert not pushed(profile, 19.9, 20.0).any()
+    assert push(profile, 20.2, 20.0) == pytest.approx([0.0, -10.0, 0.0])
+    assert not push(profile, 19.9, 20.0).any()
 
 
-def test_where_the_surface_has_ended_there_is_no_wall() -> None:
+def test_no_wall_beyond_end_of_surface() -> None:
     ended = SurfaceProfile(wall_at_mm=20.0, end_mm=10.0)
-    assert not pushed(ended, 20.2, 20.0).any()
+    assert not push(ended, 20.2, 20.0).any()
 
 
-def test_a_wall_stands_on_a_material_with_memory_too() -> None:
+def test_wall_on_material_with_memory() -> None:
     solid = MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID)
     contact = Contact(SurfaceProfile(wall_at_mm=20.0, material=solid, friction=0.0, damping_ns_m=0.0))
     places = np.array([[0.9, along, TOP - 0.001] for along in (0.0, 0.0199, 0.0202)])
@@ -77,7 +77,7 @@ def test_a_wall_stands_on_a_material_with_memory_too() -> None:
     assert forces[:, 1] == pytest.approx([0.0, 0.0, -10.0])
 
 
-def test_each_point_of_a_face_feels_the_wall() -> None:
+def test_wall_pushes_each_point_of_face() -> None:
     radius = 0.01
     tool = ToolProfile(mass_kg=0.0, face_radius_mm=1000.0 * radius)
     surface = SurfaceProfile(wall_at_mm=20.0, friction=0.0)
@@ -97,7 +97,7 @@ def test_each_point_of_a_face_feels_the_wall() -> None:
     assert cell.true_state(T0 + 5.0).position[1] == pytest.approx(0.015, abs=1e-4)
 
 
-def test_a_tool_that_runs_into_a_wall_feels_what_its_stiffness_makes_of_the_way() -> None:
+def test_wall_force_is_stiffness_times_depth() -> None:
     surface = SurfaceProfile(wall_at_mm=0.0, friction=0.0, damping_ns_m=0.0)
     cell = s3_jr3_cell(PaperCellProfile(tool=ToolProfile(mass_kg=0.0), surface=surface), T0, 1)
     cell.robot.motion.enqueue(Waypoint((0.9, -0.01, 0.6), DOWN, 1000.0), T0)

@@ -1,4 +1,4 @@
-"""Hostile programs: bounded time and memory, one error of the controller, and the next client is served."""
+"""Tests of hostile programs: bounded time and memory, one error of the controller, and the next client is served."""
 
 import math
 import random
@@ -15,7 +15,8 @@ from tests.emulation.test_urscript_motion import Bench
 pytestmark = pytest.mark.sweep
 
 CYCLE_S = 1.5
-"""Longest processor time of one cycle. Each of these programs takes below 0.1 s; without bounds it took 3 to 40 s."""
+"""Maximum processor time of one cycle. Each of these programs takes less than 0.1 s; without limits it took 3 to 40 s.
+"""
 LONG = f"[{', '.join(['1'] * 4000)}]"
 ENDLESS = "without waiting"
 
@@ -24,23 +25,25 @@ def program(body: str, inside: str = "") -> str:
     return f"def mine():\n{inside}{body}\nend\n"
 
 
-def forever(statement: str, first: str = "") -> str:
+def endless_program(statement: str, first: str = "") -> str:
     return program(f"{first}\nwhile True:\n  {statement}\nend")
 
 
 MEMBERS = ", ".join(f"a{number}=1" for number in range(3000))
 LOOPS: dict[str, str] = {
-    "a member of a large struct": forever("s.a1 = 2", f"s = struct({MEMBERS})"),
-    "an element of a list in a list": forever("x[0][0] = 2", f"x = [{LONG}]"),
-    "a list in a list continues": forever("x.append([])\nx.pop()", f"x = [{LONG}]"),
-    "a list in a list, negative": forever("y = -x", f"x = [{LONG}]"),
-    "a list in a list as text": forever("y = to_str(x)", f"x = [{LONG}]"),
-    "a struct as text": forever("y = to_str(x)", f"x = struct(a={LONG})"),
-    "a struct in a list": forever("y = [x]", f"x = struct(a={LONG})"),
-    "structs compared": forever("y = x == z", f"x = struct(a={LONG})\nz = struct(a={LONG})"),
-    "a long list made": forever("y = make_list(4096, 1.5)"),
-    "a matrix of one row": forever("y = transpose(x)", "x = make_list(1, make_list(4000, 1.5))"),
-    "inverse kinematics": forever("y = get_inverse_kin_has_solution(p[0.5, 0.1, 0.4, 0, random(), 0])"),
+    "a member of a large struct": endless_program("s.a1 = 2", f"s = struct({MEMBERS})"),
+    "an element of a list in a list": endless_program("x[0][0] = 2", f"x = [{LONG}]"),
+    "a list in a list continues": endless_program("x.append([])\nx.pop()", f"x = [{LONG}]"),
+    "a list in a list, negative": endless_program("y = -x", f"x = [{LONG}]"),
+    "a list in a list as text": endless_program("y = to_str(x)", f"x = [{LONG}]"),
+    "a struct as text": endless_program("y = to_str(x)", f"x = struct(a={LONG})"),
+    "a struct in a list": endless_program("y = [x]", f"x = struct(a={LONG})"),
+    "structs compared": endless_program("y = x == z", f"x = struct(a={LONG})\nz = struct(a={LONG})"),
+    "a long list made": endless_program("y = make_list(4096, 1.5)"),
+    "a matrix of one row": endless_program("y = transpose(x)", "x = make_list(1, make_list(4000, 1.5))"),
+    "inverse kinematics": endless_program(
+        "y = get_inverse_kin_has_solution(p[0.5, 0.1, 0.4, 0, random(), 0])"
+    ),
     "threads that end at once": program(
         "while True:\n  join run t()\nend",
         "thread t():\n  i = 0\n  while i < 5000:\n    i = i + 1\n  end\nend\n",
@@ -49,15 +52,15 @@ LOOPS: dict[str, str] = {
         "i = 0\nwhile i < 30:\n  i = i + 1\n  run t()\nend\nsleep(9)",
         "thread t():\n while True:\n  i = 0\n    while i < 8000:\n      i = i + 1\n    end\n    sync()\n  end\nend\n",
     ),
-    "pop-ups": forever('popup("a")'),
-    "messages": forever('textmsg("a")'),
-    "sockets": forever('socket_open("127.0.0.1", 5000, to_str(random()))'),
+    "pop-ups": endless_program('popup("a")'),
+    "messages": endless_program('textmsg("a")'),
+    "sockets": endless_program('socket_open("127.0.0.1", 5000, to_str(random()))'),
 }
-"""Programs that do not wait; each does much in few statements."""
+"""Programs that never wait; each does much in few statements."""
 
 
 def slowest_cycle(bench: Bench, cycles: int) -> float:
-    """Longest processor time of a cycle, s."""
+    """Return the longest processor time of a cycle, s."""
     longest = 0.0
     for _ in range(cycles):
         begun = time.process_time()
@@ -67,24 +70,24 @@ def slowest_cycle(bench: Bench, cycles: int) -> float:
 
 
 def served(bench: Bench) -> bool:
-    """Whether the next program plays."""
+    """Return whether the next program plays."""
     bench.run(0.02)
     bench.send('\nend\ntextmsg("served")\n')
     bench.run(0.1)
-    return bench.said(Message.TEXT)[-1:] == ["served"]
+    return bench.messages(Message.TEXT)[-1:] == ["served"]
 
 
 @pytest.mark.parametrize("name", LOOPS)
-def test_a_program_that_does_not_wait_is_stopped_in_bounded_time(name: str) -> None:
+def test_program_that_never_waits_is_stopped_in_bounded_time(name: str) -> None:
     bench = Bench(RtdeProfile(start_delay_ms=2.0))
     bench.send(LOOPS[name])
     assert slowest_cycle(bench, 3) < CYCLE_S
-    assert ENDLESS in bench.said(Message.RUNTIME)[-1]
+    assert ENDLESS in bench.messages(Message.RUNTIME)[-1]
     assert served(bench)
 
 
-def test_a_program_that_keeps_too_much_is_stopped() -> None:
-    """Each cycle adds a list of strings that no other list has, within what a cycle may take."""
+def test_program_exceeding_memory_is_stopped() -> None:
+    """Each cycle adds a list of unique strings, within the limits of a cycle."""
     bench = Bench(RtdeProfile(start_delay_ms=2.0))
     body = (
         's = "ab"\nwhile str_len(s) < 8000:\n  s = str_cat(s, s)\nend\nx = make_list(4000, "")\ni = 0\n'
@@ -92,11 +95,11 @@ def test_a_program_that_keeps_too_much_is_stopped() -> None:
     )
     bench.send(program(body))
     assert slowest_cycle(bench, 1000) < CYCLE_S
-    assert bench.said(Message.RUNTIME) == ["the program keeps too much"]
+    assert bench.messages(Message.RUNTIME) == ["the program uses too much memory"]
     assert served(bench)
 
 
-def test_a_program_may_keep_what_is_below_the_bound() -> None:
+def test_program_below_memory_limit_runs() -> None:
     bench = Bench(RtdeProfile(start_delay_ms=2.0))
     rows = "".join(f"x{number} = make_list(4000, {number})\nsync()\n" for number in range(MEMORY_MAX // 8000))
     waste = (
@@ -104,8 +107,8 @@ def test_a_program_may_keep_what_is_below_the_bound() -> None:
     )
     bench.send(program(f"{rows}{waste}\ntextmsg(x0[0])"))
     bench.run(2.0)
-    assert bench.said(Message.RUNTIME) == []
-    assert bench.said(Message.TEXT) == ["0"]
+    assert bench.messages(Message.RUNTIME) == []
+    assert bench.messages(Message.TEXT) == ["0"]
 
 
 BAD_TEXTS = {
@@ -117,26 +120,26 @@ BAD_TEXTS = {
 
 
 @pytest.mark.parametrize("name", BAD_TEXTS)
-def test_a_text_that_is_too_large_is_a_syntax_error(name: str) -> None:
-    body, words = BAD_TEXTS[name]
+def test_too_large_text_is_syntax_error(name: str) -> None:
+    body, message = BAD_TEXTS[name]
     bench = Bench()
     bench.send(program(body))
-    assert words in bench.said(Message.SYNTAX)[-1]
+    assert message in bench.messages(Message.SYNTAX)[-1]
     assert served(bench)
 
 
-def test_functions_that_wait_for_each_other_are_sorted_in_time() -> None:
-    """3000 functions, each calls the next one, and the last one waits."""
+def test_long_call_chain_is_analysed_in_time() -> None:
+    """3000 functions: each calls the next one, and the last one waits."""
     bench = Bench(RtdeProfile(start_delay_ms=2.0))
     inside = "".join(f"def f{n}():\nf{n + 1}()\nend\n" for n in range(3000)) + "def f3000():\nsync()\nend\n"
     begun = time.process_time()
     bench.send(program("f0()", inside))
     assert time.process_time() - begun < 4.0
     bench.run(0.01)
-    assert "too many functions" in bench.said(Message.RUNTIME)[-1]
+    assert "function calls are nested too deeply" in bench.messages(Message.RUNTIME)[-1]
 
 
-def test_many_long_programs_at_one_time_are_not_all_read() -> None:
+def test_number_of_concurrent_long_programs_is_limited() -> None:
     bench = Bench()
     text = program("# " + "a" * 100_000)
     bench.send(text * 5)
@@ -147,8 +150,8 @@ def test_many_long_programs_at_one_time_are_not_all_read() -> None:
     "statement",
     ["speedj([1e300, 0, 0, 0, 0, 0], 1e300, 1)", "movel(p[0.8, 0, 0.5, 0, 3.1, 0], a=1e300, v=1e300)"],
 )
-def test_an_order_that_no_arm_can_follow_leaves_it_standing(statement: str) -> None:
-    """It has not moved a hair: the cycle that would be too fast does not take place."""
+def test_impossible_order_does_not_move_arm(statement: str) -> None:
+    """The arm does not move at all: the cycle that would be too fast does not happen."""
     bench = Bench(RtdeProfile(start_delay_ms=2.0))
     before = bench.controller.arm.joints
     bench.send(statement + "\n")
@@ -177,7 +180,7 @@ NAMES = sorted(FUNCTIONS)
 
 
 class Writer:
-    """Writes programs of hostile values, by a seed."""
+    """Generates programs with hostile values, from a seed."""
 
     def __init__(self, seed: int) -> None:
         self.rng = random.Random(seed)
@@ -222,7 +225,7 @@ class Writer:
         return program("\n".join([*first, *inside, *self.rows(8, 2)]))
 
     def spoilt(self) -> bytes:
-        """A text with bytes that are changed, lost and come again."""
+        """Return a text with changed, lost and repeated bytes."""
         rng, data = self.rng, bytearray(self.text().encode())
         for _ in range(rng.randrange(1, 10)):
             at = rng.randrange(len(data) + 1)
@@ -241,7 +244,7 @@ class Writer:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_program_and_no_bytes_upset_the_controller(seed: int) -> None:
+def test_arbitrary_programs_do_not_break_controller(seed: int) -> None:
     writer = Writer(seed)
     for _ in range(60):
         bench = Bench(RtdeProfile(start_delay_ms=2.0, script_steps=20_000))

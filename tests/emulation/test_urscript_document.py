@@ -1,4 +1,4 @@
-"""The page on URScript says what the interpreter can do."""
+"""Tests that the page on URScript matches the interpreter."""
 
 import runpy
 from pathlib import Path
@@ -17,7 +17,7 @@ def tool() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "tools" / "urscript_doc.py"))
 
 
-def test_each_function_stands_in_the_table_once() -> None:
+def test_each_function_is_in_table_once() -> None:
     table = PAGE.partition("<!-- functions: begin -->")[2]
     for name in FUNCTIONS:
         assert table.count(f"`{name}(") == 1, name

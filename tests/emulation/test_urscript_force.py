@@ -1,4 +1,4 @@
-"""Force mode, freedrive and contact of the emulated Universal Robot, in virtual time, on an elastic surface."""
+"""Tests of force mode, freedrive and contact of the emulated Universal Robot on an elastic surface."""
 
 import math
 
@@ -15,14 +15,14 @@ from tests.emulation.test_urscript_motion import T0, Bench
 SURFACE_Z = 0.598
 """Height of the surface, m: 2 mm below the tool at the start."""
 T_PUSHED = T0 + 0.3
-"""A push of a hand ends then, s."""
+"""Time at which a push by hand ends, s."""
 T_PLAYS = T0 + 0.1
-"""It begins then: a program that starts is zeroed, and does not feel a push from before."""
+"""Time at which the push begins: a program that starts is zeroed, and does not detect an earlier push."""
 HOLD = "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,-10,0,0,0], 2, [0.1,0.1,0.1,0.2,0.2,0.2])"
 
 
 class Surface(Bench):
-    """A bench above a surface that pushes along base z."""
+    """Bench above a surface that pushes along base z."""
 
     def __init__(self, stiffness_n_m: float, profile: RtdeProfile = EXACT) -> None:
         super().__init__(profile)
@@ -34,35 +34,35 @@ class Surface(Bench):
 
     @property
     def force(self) -> float:
-        """The force of the surface now, N."""
+        """Return the present force of the surface, N."""
         return max(0.0, (SURFACE_Z - self.place[2]) * self.stiffness)
 
     def forces(self, seconds: float) -> list[float]:
-        found = []
+        result = []
         for _ in range(round(seconds / self.controller.period)):
             self.run(self.controller.period)
-            found.append(self.force)
-        return found
+            result.append(self.force)
+        return result
 
 
-@pytest.mark.parametrize(("stiffness_n_m", "settled_s"), [(5e3, 4.0), (50e3, 1.5)])
-def test_force_mode_holds_its_force(stiffness_n_m: float, settled_s: float) -> None:
-    """A first-order law has no steady error; it overshoots by the way of the approach in the force's delay."""
+@pytest.mark.parametrize(("stiffness_n_m", "settling_s"), [(5e3, 4.0), (50e3, 1.5)])
+def test_force_mode_holds_force(stiffness_n_m: float, settling_s: float) -> None:
+    """A first-order law has no steady error; it overshoots by the approach distance within the force's delay."""
     bench = Surface(stiffness_n_m)
     bench.send(f"def hold():\n  zero_ftsensor()\n  {HOLD}\n  sleep(30)\nend\n")
-    whole = bench.forces(settled_s)
-    held = bench.forces(1.0)
-    mean = sum(held) / len(held)
-    rms = math.sqrt(sum((force - mean) ** 2 for force in held) / len(held))
-    print(f"\n{stiffness_n_m:g} N/m: mean {mean:.3f} N, RMS {rms:.3f} N, peak {max(whole):.3f} N")
+    complete = bench.forces(settling_s)
+    forces = bench.forces(1.0)
+    mean = sum(forces) / len(forces)
+    rms = math.sqrt(sum((force - mean) ** 2 for force in forces) / len(forces))
+    print(f"\n{stiffness_n_m:g} N/m: mean {mean:.3f} N, RMS {rms:.3f} N, peak {max(complete):.3f} N")
     assert mean == pytest.approx(10.0, abs=0.05)
     assert rms < 0.05
     approach = EXACT.force_mode_gain_mm_s_n * 1e-3 * 10.0
     delay = (EXACT.force_lag_ms + 8.0 + 2 * EXACT.cycle_ms) * 1e-3
-    assert max(whole) < 10.0 + approach * delay * stiffness_n_m
+    assert max(complete) < 10.0 + approach * delay * stiffness_n_m
 
 
-def test_the_speed_of_a_compliant_axis_is_limited_by_limits() -> None:
+def test_compliant_axis_speed_is_limited() -> None:
     bench = Surface(5e3)
     slow = HOLD.replace("0.1,0.1,0.1", "0.1,0.1,0.002")
     bench.send(f"def hold():\n  {slow}\n  sleep(9)\nend\n")
@@ -72,22 +72,22 @@ def test_the_speed_of_a_compliant_axis_is_limited_by_limits() -> None:
     assert before - bench.place[2] == pytest.approx(0.0002, rel=1e-3)
 
 
-def test_a_line_goes_on_across_the_surface_while_its_force_is_held() -> None:
-    """Across the force the line is kept, and along it the program's own motion has no effect."""
+def test_line_continues_while_force_is_held() -> None:
+    """Perpendicular to the force the line is kept; along it the program's own motion has no effect."""
     bench = Surface(20e3)
     bench.send(
         f"def wipe():\n  {HOLD}\n  sleep(2)\n  here = get_actual_tcp_pose()\n"
         "  movel(pose_add(here, p[0,0.05,0.02,0,0,0]), a=1, v=0.05)\n  sleep(0.5)\nend\n"
     )
     bench.run(2.2)
-    held = bench.forces(0.8)
+    forces = bench.forces(0.8)
     bench.run(0.5)
     x, y, _ = bench.place
     assert (x, y) == pytest.approx((0.9, -0.05), abs=1e-4)
-    assert held == pytest.approx([10.0] * len(held), abs=0.2)
+    assert forces == pytest.approx([10.0] * len(forces), abs=0.2)
 
 
-def test_force_mode_ends_with_its_program_and_the_arm_stands() -> None:
+def test_force_mode_ends_with_program() -> None:
     bench = Surface(5e3)
     bench.send(f"def hold():\n  {HOLD}\n  sleep(0.3)\nend\n")
     bench.run(0.6)
@@ -98,7 +98,7 @@ def test_force_mode_ends_with_its_program_and_the_arm_stands() -> None:
     assert bench.place == before
 
 
-def test_force_mode_yields_nothing_while_its_program_is_paused() -> None:
+def test_force_mode_is_inactive_while_paused() -> None:
     bench = Surface(5e3)
     bench.send(f"def hold():\n  {HOLD}\n  sleep(9)\nend\n")
     bench.run(0.2)
@@ -112,7 +112,7 @@ def test_force_mode_yields_nothing_while_its_program_is_paused() -> None:
     assert bench.place[2] < before[2] - 1e-3
 
 
-def test_a_protective_stop_holds_in_force_mode() -> None:
+def test_protective_stop_applies_in_force_mode() -> None:
     bench = Surface(5e3)
     bench.send(f"def hold():\n  {HOLD}\n  sleep(9)\nend\n")
     bench.run(0.2)
@@ -123,7 +123,7 @@ def test_a_protective_stop_holds_in_force_mode() -> None:
     assert bench.controller.arm.motion == (0.0,) * 6
 
 
-def test_force_mode_that_makes_the_tool_too_fast_is_stopped() -> None:
+def test_too_fast_force_mode_is_stopped() -> None:
     bench = Bench(RtdeProfile(max_tcp_speed_mm_s=20.0, force_offset_n=0.0))
     bench.send(
         "def rush():\n  force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,100,0,0,0], 2, [1,1,1,1,1,1])\n  sleep(9)\nend\n"
@@ -133,7 +133,7 @@ def test_force_mode_that_makes_the_tool_too_fast_is_stopped() -> None:
     assert bench.controller.state.stop_reason == "the tool is too fast"
 
 
-def test_force_mode_that_leaves_the_workspace_is_stopped() -> None:
+def test_force_mode_leaving_workspace_is_stopped() -> None:
     bench = Bench()
     bench.send(
         "def away():\n  force_mode(p[0,0,0,0,0,0], [1,0,0,0,0,0], [900,0,0,0,0,0], 2, [1,1,1,1,1,1])\n  sleep(9)\nend\n"
@@ -143,9 +143,9 @@ def test_force_mode_that_leaves_the_workspace_is_stopped() -> None:
     assert bench.controller.player.runtime == Runtime.PAUSED
 
 
-def test_the_damping_takes_its_share_of_the_speed_that_no_force_holds() -> None:
-    """0 keeps the speed, 1 ends it in one cycle, as the manual says."""
-    ways = []
+def test_damping_reduces_speed_without_force() -> None:
+    """0 keeps the speed, 1 stops it in one cycle, as in the manual."""
+    distances = []
     for damping in (0.0, 0.1, 1.0):
         bench = Bench()
         bench.robot.feel(lambda at: (0.0, 0.0, 20.0 if T_PLAYS < at < T_PUSHED else 0.0))
@@ -156,13 +156,13 @@ def test_the_damping_takes_its_share_of_the_speed_that_no_force_holds() -> None:
         bench.run(0.5)
         before = bench.place[2]
         bench.run(0.2)
-        ways.append(bench.place[2] - before)
-    assert ways[0] > 5e-5
-    assert ways[0] > ways[1] >= ways[2]
-    assert ways[2] == pytest.approx(0.0, abs=1e-9)
+        distances.append(bench.place[2] - before)
+    assert distances[0] > 5e-5
+    assert distances[0] > distances[1] >= distances[2]
+    assert distances[2] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_gain_scaling_scales_the_speed() -> None:
+def test_gain_scaling_scales_speed() -> None:
     heights = []
     for scaling in (0.5, 2.0):
         bench = Bench()
@@ -174,8 +174,8 @@ def test_the_gain_scaling_scales_the_speed() -> None:
     assert heights == pytest.approx([0.0002, 0.0008], rel=1e-3)
 
 
-def test_a_frame_of_type_1_points_from_the_tool_to_its_origin() -> None:
-    """The origin lies 0.3 m beside the tool along base x: its y axis is base x then."""
+def test_type_1_frame_points_from_tool_to_origin() -> None:
+    """The origin is 0.3 m from the tool along base x: its y axis is then base x."""
     bench = Bench()
     bench.send(
         "def point():\n"
@@ -187,7 +187,7 @@ def test_a_frame_of_type_1_points_from_the_tool_to_its_origin() -> None:
     assert (y, z) == pytest.approx((-0.1, 0.6), abs=1e-6)
 
 
-def test_a_frame_of_type_3_yields_nothing_until_the_tool_moves_and_then_across_its_motion() -> None:
+def test_type_3_frame_follows_motion_of_tool() -> None:
     bench = Bench()
     bench.send(
         "def follow():\n  force_mode(p[0,0,0,0,0,0], [0,1,0,0,0,0], [0,10,0,0,0,0], 3, [1,1,1,1,1,1])\n  sleep(0.5)\n"
@@ -201,7 +201,7 @@ def test_a_frame_of_type_3_yields_nothing_until_the_tool_moves_and_then_across_i
     assert y == pytest.approx(-0.05, abs=1e-3)
 
 
-def test_freedrive_follows_a_hand_and_stands_without_one() -> None:
+def test_freedrive_follows_hand() -> None:
     bench = Bench()
     bench.robot.feel(lambda at: (30.0 if T_PLAYS < at < T_PUSHED else 0.0, 0.0, 0.0))
     bench.send("def free():\n  freedrive_mode()\n  sleep(9)\nend\n")
@@ -213,8 +213,8 @@ def test_freedrive_follows_a_hand_and_stands_without_one() -> None:
 
 
 @pytest.mark.parametrize("stiffness_n_m", [5e3, 50e3])
-def test_a_move_until_the_contact_of_the_tool_ends_at_the_surface(stiffness_n_m: float) -> None:
-    """The way back leads to the place before the contact, but for the way in the delay of the force."""
+def test_move_until_contact_ends_at_surface(stiffness_n_m: float) -> None:
+    """The retraction leads to the position before contact, except for the distance within the force's delay."""
     bench = Surface(stiffness_n_m)
     bench.send(
         "def touch():\n  zero_ftsensor()\n  while True:\n"
@@ -224,7 +224,7 @@ def test_a_move_until_the_contact_of_the_tool_ends_at_the_surface(stiffness_n_m:
         '      textmsg("contact ", steps)\n      break\n    end\n  end\nend\n'
     )
     deepest = max(bench.forces(3.0)) / stiffness_n_m
-    assert bench.said(Message.TEXT)[0].startswith("contact ")
+    assert bench.messages(Message.TEXT)[0].startswith("contact ")
     delay = (EXACT.force_lag_ms + 8.0 + 3 * EXACT.cycle_ms) * 1e-3
     depth = SURFACE_Z - bench.place[2]
     print(f"\n{stiffness_n_m:g} N/m: deepest {deepest * 1e3:.3f} mm, end {depth * 1e3:.3f} mm")
@@ -232,7 +232,7 @@ def test_a_move_until_the_contact_of_the_tool_ends_at_the_surface(stiffness_n_m:
     assert deepest < 3.0 * EXACT.tool_contact_n / stiffness_n_m + 0.005 * 2.0 * delay
 
 
-def test_a_contact_from_another_side_is_none() -> None:
+def test_contact_from_other_side_is_ignored() -> None:
     bench = Surface(50e3)
     bench.send(
         "def touch():\n  n = 0\n  while n == 0:\n    n = tool_contact(direction=[0,0,1,0,0,0])\n"
@@ -244,17 +244,20 @@ def test_a_contact_from_another_side_is_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
-        ("force_mode(p[0,0,0,0,0,0], [1,0,0,0,0,0], [0,0,0,0,0,0], 4, [1,1,1,1,1,1])", "is 1, 2 or 3, not 4"),
-        ("force_mode_set_damping(2)", "the damping of force mode is from 0 to 1"),
-        ("force_mode_set_gain_scaling(2.5)", "the gain scaling of force mode is from 0 to 2"),
-        ("tool_contact([0,0,0,0,0,0], -1)", "a threshold of force is 0 or more"),
-        ("get_actual_joint_positions_history(-1)", "steps of a history are 0 or more"),
+        (
+            "force_mode(p[0,0,0,0,0,0], [1,0,0,0,0,0], [0,0,0,0,0,0], 4, [1,1,1,1,1,1])",
+            "must be 1, 2 or 3, got 4",
+        ),
+        ("force_mode_set_damping(2)", "the damping of force mode must be from 0 to 1"),
+        ("force_mode_set_gain_scaling(2.5)", "the gain scaling of force mode must be from 0 to 2"),
+        ("tool_contact([0,0,0,0,0,0], -1)", "a force threshold must be at least 0"),
+        ("get_actual_joint_positions_history(-1)", "the number of history steps must be at least 0"),
     ],
 )
-def test_a_value_outside_its_range_ends_the_program(line: str, words: str) -> None:
+def test_value_out_of_range_ends_program(line: str, message: str) -> None:
     bench = Bench()
     bench.send(line + "\n")
     bench.run(0.1)
-    assert words in bench.said(Message.RUNTIME)[0]
+    assert message in bench.messages(Message.RUNTIME)[0]

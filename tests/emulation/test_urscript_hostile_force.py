@@ -1,4 +1,4 @@
-"""Hostile calls of force mode, freedrive and contact: the arm stays within its limits, or stands."""
+"""Tests of hostile calls of force mode, freedrive and contact: the arm stays within its limits, or stops."""
 
 import math
 
@@ -30,7 +30,7 @@ CALLS = st.one_of(
 @pytest.mark.full
 @settings(max_examples=150, deadline=4000)
 @given(st.lists(CALLS, max_size=6), st.sampled_from([0.0, 30.0, -1e6, 1e300]))
-def test_no_call_of_force_leads_the_arm_out_of_its_limits(calls: list[str], force: float) -> None:
+def test_arbitrary_force_calls_keep_arm_within_limits(calls: list[str], force: float) -> None:
     bench = Bench(RtdeProfile(script_steps=2000, start_delay_ms=2.0))
     bench.robot.feel(lambda at: (force, 0.0, -force))
     bench.send("def mine():\n  " + "\n  ".join([*calls, "sleep(0.05)"]) + "\nend\n")
@@ -47,8 +47,8 @@ LARGE = st.lists(st.sampled_from([0, 1, -1, 10, -1000, 1e6, -1e9, 1e300]), min_s
 
 @settings(max_examples=60, deadline=4000)
 @given(LARGE, LARGE, LARGE, st.sampled_from([1, 2, 3]))
-def test_no_force_moves_a_joint_faster_than_it_may_be(axes: str, wrench: str, limits: str, kind: int) -> None:
-    """Not even for the one cycle that the guard takes to see a motion."""
+def test_arbitrary_forces_keep_joint_speed_limits(axes: str, wrench: str, limits: str, kind: int) -> None:
+    """Not even for the one cycle that the guard needs to detect a motion."""
     bench = Bench(RtdeProfile(start_delay_ms=2.0))
     bench.send(
         f"def mine():\n  force_mode(p[0,0,0,0,0,0], {axes}, {wrench}, {kind}, {limits})\n  sleep(9)\nend\n"

@@ -1,4 +1,4 @@
-"""URScript: texts and what they do, without an arm that moves."""
+"""Tests of URScript texts and their effects, without a moving arm."""
 
 import math
 from collections.abc import Callable
@@ -23,33 +23,33 @@ from tests.emulation.exact_arm import EXACT
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
 
-class Played:
-    """A program, and the controller on which it plays."""
+class ProgramTrial:
+    """Program, and the controller on which it plays."""
 
     def __init__(self, text: str, steps: int = 20_000) -> None:
         self.controller = Controller(EXACT, START, 100.25, 7)
         self.machine = Machine(compile_program(text, FUNCTIONS), ControllerHost(self.controller), steps)
 
     def play(self, cycles: int) -> int:
-        """The cycle in which it ends, or -1."""
+        """Return the cycle in which it ends, or -1."""
         return next((number for number in range(cycles) if not self.machine.cycle()), -1)
 
-    def said(self, kind: Message = Message.TEXT) -> list[str]:
-        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
+    def messages(self, kind: Message = Message.TEXT) -> list[str]:
+        return [str(saying) for saying in self.controller.console.program_messages if saying.message == kind]
 
 
-def said(text: str, cycles: int = 50) -> list[str]:
-    played = Played(text)
-    assert played.play(cycles) >= 0
-    assert played.said(Message.RUNTIME) == []
-    return played.said()
+def output_of(text: str, cycles: int = 50) -> list[str]:
+    trial = ProgramTrial(text)
+    assert trial.play(cycles) >= 0
+    assert trial.messages(Message.RUNTIME) == []
+    return trial.messages()
 
 
 def failure(text: str, cycles: int = 50) -> str:
-    played = Played(text)
-    assert played.play(cycles) >= 0
-    (words,) = played.said(Message.RUNTIME)
-    return words
+    trial = ProgramTrial(text)
+    assert trial.play(cycles) >= 0
+    (message,) = trial.messages(Message.RUNTIME)
+    return message
 
 
 def program(body: str) -> str:
@@ -124,8 +124,8 @@ VALUES = {
 
 
 @pytest.mark.parametrize("expression", VALUES)
-def test_a_value_is_worked_out(expression: str) -> None:
-    assert said(program(f"textmsg({expression})")) == [VALUES[expression]]
+def test_expressions_are_evaluated(expression: str) -> None:
+    assert output_of(program(f"textmsg({expression})")) == [VALUES[expression]]
 
 
 PROGRAMS = {
@@ -196,56 +196,56 @@ PROGRAMS = {
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_a_program_says(name: str) -> None:
-    body, words = PROGRAMS[name]
-    assert said(program(body)) == words
+def test_program_output(name: str) -> None:
+    body, expected = PROGRAMS[name]
+    assert output_of(program(body)) == expected
 
 
-def test_blocks_need_no_indentation_and_a_text_no_function() -> None:
-    assert said("x = 2\nif x > 1:\ntextmsg(x)\nend\n") == ["2"]
-    assert said('textmsg("alone")') == ["alone"]
+def test_indentation_and_function_are_optional() -> None:
+    assert output_of("x = 2\nif x > 1:\ntextmsg(x)\nend\n") == ["2"]
+    assert output_of('textmsg("alone")') == ["alone"]
 
 
-def test_a_number_may_stand_in_the_next_line() -> None:
+def test_number_may_be_on_next_line() -> None:
     """As ur_rtde writes its register offset."""
-    assert said("def mine():\nglobal offset = # float register offset\n24\n  textmsg(offset)\nend\n") == [
-        "24"
-    ]
+    assert output_of(
+        "def mine():\nglobal offset = # float register offset\n24\n  textmsg(offset)\nend\n"
+    ) == ["24"]
 
 
 # --- threads and time
 
 
-def test_threads_take_turns_in_order() -> None:
+def test_threads_run_in_order() -> None:
     text = program(
         'thread a():\n  while True:\n    textmsg("a")\n    sync()\n  end\nend\n'
         'thread b():\n  textmsg("b")\nend\n'
         'h = run a()\nk = run b()\njoin k\ntextmsg("joined")\nsync()\nsync()\nkill h\ntextmsg("killed")\nsync()'
     )
-    assert said(text) == ["a", "b", "joined", "a", "killed"]
+    assert output_of(text) == ["a", "b", "joined", "a", "killed"]
 
 
-def test_a_sleep_lasts_its_time() -> None:
-    assert Played(program("sleep(0.1)")).play(100) == 50
-    assert Played(program("sync()\nsync()")).play(100) == 2
-    assert Played(program("x = 1")).play(100) == 0
+def test_sleep_lasts_its_time() -> None:
+    assert ProgramTrial(program("sleep(0.1)")).play(100) == 50
+    assert ProgramTrial(program("sync()\nsync()")).play(100) == 2
+    assert ProgramTrial(program("x = 1")).play(100) == 0
 
 
-def test_a_function_that_waits_may_stand_in_an_expression() -> None:
+def test_waiting_function_may_be_in_expression() -> None:
     text = program(
         "def f(x):\n  sync()\n  return x\nend\nif not (f(False) or f(2) < 1):\n  textmsg(f(1) + f(2) * f(3))\nend"
     )
-    assert said(text) == ["7"]
-    assert Played(text).play(50) == 5
+    assert output_of(text) == ["7"]
+    assert ProgramTrial(text).play(50) == 5
 
 
-def test_a_program_ends_with_its_threads() -> None:
+def test_program_ends_with_its_threads() -> None:
     text = program("thread a():\n  while True:\n    sync()\n  end\nend\nrun a()\nsync()")
-    assert Played(text).play(10) == 1
+    assert ProgramTrial(text).play(10) == 1
 
 
-def test_killing_none_and_joining_none_do_nothing() -> None:
-    assert said(program("h = 0\nkill h\njoin h\ntextmsg(1)")) == ["1"]
+def test_kill_and_join_without_thread_do_nothing() -> None:
+    assert output_of(program("h = 0\nkill h\njoin h\ntextmsg(1)")) == ["1"]
 
 
 # --- errors
@@ -255,29 +255,29 @@ ERRORS = {
     "while True:\n  x = 1\nend": (2, "infinite loop"),
     "x = 1\ny = x / 0": (3, "division by zero"),
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
-    "x = [1, 2][1.5]": (2, "whole number"),
-    'sin("a")': (2, "a number is needed, not a string"),
+    "x = [1, 2][1.5]": (2, "expected an integer"),
+    'sin("a")': (2, "expected a number, got a string"),
     "x = [1].nothing()": (2, "there is no method nothing"),
     "sqrt(-1)": (2, "arithmetic"),
     "if [1]:\n  x = 1\nend": (2, "condition"),
-    "def f():\n  return f()\nend\nf()": (3, "called each other"),
+    "def f():\n  return f()\nend\nf()": (3, "nested too deeply"),
     "thread f():\n  sync()\nend\nwhile True:\n  run f()\nend": (6, "too many threads"),
     "s = struct(a=1)\ns.b = 2": (3, "no member b"),
     "assert(1 == 2)": (2, "assertion"),
     "get_inverse_kin(p[9, 9, 9, 0, 0, 0])": (2, "no joints hold"),
     "write_output_integer_register(48, 1)": (2, "no int register 48"),
-    "x = [1] + [1, 2]": (2, "do not fit"),
+    "x = [1] + [1, 2]": (2, "do not match"),
     "x = x + 1": (2, "no value yet"),
     "inv([[1, 1], [1, 1]])": (2, "no inverse"),
 }
 
 
 @pytest.mark.parametrize("body", ERRORS)
-def test_an_error_tells_its_line(body: str) -> None:
-    line, words = ERRORS[body]
-    found = failure(program(body))
-    assert found.startswith(f"runtime error in line {line}: ")
-    assert words in found
+def test_error_has_line(body: str) -> None:
+    line, message = ERRORS[body]
+    result = failure(program(body))
+    assert result.startswith(f"runtime error in line {line}: ")
+    assert message in result
 
 
 @pytest.mark.parametrize(
@@ -297,21 +297,21 @@ def test_an_error_tells_its_line(body: str) -> None:
         ("end", 1, 1),
     ],
 )
-def test_a_syntax_error_tells_line_and_column(text: str, line: int, column: int) -> None:
+def test_syntax_error_has_line_and_column(text: str, line: int, column: int) -> None:
     with pytest.raises(ScriptSyntaxError) as caught:
         compile_program(text, FUNCTIONS)
     assert caught.value.failure[:2] == (line, column)
 
 
-def test_a_function_without_effect_is_told_once() -> None:
-    played = Played(
+def test_function_without_effect_is_reported_once() -> None:
+    trial = ProgramTrial(
         program(
             "i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  set_baselight_off()\n  i = i + 1\n  sync()\nend"
         )
     )
-    assert played.play(20) == 5
+    assert trial.play(20) == 5
     counts = {"URScript set_gravity()": 1, "URScript set_baselight_off()": 1}
-    assert played.controller.unmodelled.counts == counts
+    assert trial.controller.unmodelled.counts == counts
 
 
 TAGGED_CALLS = [
@@ -330,52 +330,52 @@ TAGGED_CALLS = [
     "get_mass_matrix([0, 0, 0, 0, 0, 0], True)",
     "get_coriolis_and_centrifugal_torques(get_actual_joint_positions(), get_actual_joint_speeds())",
 ]
-"""Calls that the manual allows, of functions without effect here."""
+"""Calls allowed by the manual, of functions without effect here."""
 
 
 @pytest.mark.parametrize("call", TAGGED_CALLS)
-def test_tagged_function_takes_documented_call(call: str) -> None:
-    played = Played(program(call))
-    assert played.play(5) >= 0
-    assert played.said(Message.RUNTIME) == []
-    assert f"URScript {call.partition('(')[0]}()" in played.controller.unmodelled.counts
+def test_tagged_function_accepts_documented_call(call: str) -> None:
+    trial = ProgramTrial(program(call))
+    assert trial.play(5) >= 0
+    assert trial.messages(Message.RUNTIME) == []
+    assert f"URScript {call.partition('(')[0]}()" in trial.controller.unmodelled.counts
 
 
-def test_dynamics_of_the_arm_are_told_and_zero() -> None:
+def test_arm_dynamics_are_reported_as_zero() -> None:
     """Elements of the matrices as `rtde_control.script` of ur_rtde 1.6.5 reads them."""
     body = (
         "m = get_mass_matrix()\nj = get_jacobian()\nt = get_jacobian_time_derivative()\n"
         "c = get_coriolis_and_centrifugal_torques()\ntextmsg(m[5, 5] + j[0, 5] + t[5, 0] + c[5])"
     )
-    played = Played(program(body))
-    assert played.play(5) >= 0
-    assert played.said(Message.TEXT) == ["0"]
-    details = {one.thing: one.detail for one in played.controller.unmodelled.things}
+    trial = ProgramTrial(program(body))
+    assert trial.play(5) >= 0
+    assert trial.messages(Message.TEXT) == ["0"]
+    details = {one.thing: one.detail for one in trial.controller.unmodelled.things}
     assert details["URScript get_mass_matrix()"] == "always gives the same answer"
     assert len(details) == 4
 
 
-def test_tool_centre_point_beyond_bounds_ends_the_program() -> None:
-    """At 1e308 m every place overflowed, and a panel wrote 300 digits for it."""
-    told = failure(program("set_tcp(p[0, -1e308, 0, 0, 0, 0])"))
-    assert told == "runtime error in line 2: a tool centre point is at most 100 m from the flange"
+def test_tool_centre_point_out_of_bounds_ends_program() -> None:
+    """At 1e308 m every position overflowed, and a panel printed 300 digits."""
+    reported = failure(program("set_tcp(p[0, -1e308, 0, 0, 0, 0])"))
+    assert reported == "runtime error in line 2: a tool centre point must be at most 100 m from the flange"
 
 
 @pytest.mark.parametrize("call", ["set_payload(-3)", "set_payload_mass(-3)"])
-def test_negative_payload_stops_the_program(call: str) -> None:
-    assert failure(program(call)) == "runtime error in line 2: a payload is 0 kg or more, got -3 kg"
+def test_negative_payload_stops_program(call: str) -> None:
+    assert failure(program(call)) == "runtime error in line 2: a payload must be at least 0 kg, got -3 kg"
 
 
-def test_interpreter_mode_reports_that_its_port_is_missing() -> None:
-    played = Played(program("interpreter_mode()"))
-    played.play(5)
-    (told,) = played.controller.unmodelled.things
-    assert told.detail == "returns at once: port 30020 is not served"
+def test_interpreter_mode_reports_missing_port() -> None:
+    trial = ProgramTrial(program("interpreter_mode()"))
+    trial.play(5)
+    (reported,) = trial.controller.unmodelled.things
+    assert reported.detail == "returns at once: port 30020 is not served"
 
 
-def test_modbus_unit_that_is_missing_has_an_error() -> None:
+def test_missing_modbus_unit_has_error() -> None:
     body = 'modbus_add_signal("10.0.0.9", 255, 0, 1, "coil")\ntextmsg(modbus_get_error("coil") == 0)'
-    assert said(program(body)) == ["False"]
+    assert output_of(program(body)) == ["False"]
 
 
 NOT_COMPILED = {
@@ -385,25 +385,25 @@ NOT_COMPILED = {
     "run nobody()": (2, 7, "compile_error_name_not_found:nobody:"),
     "sin(1, 2)": (2, 3, "sin takes 1 arguments"),
     "movej()": (2, 3, "movej needs the argument q"),
-    "movej([0,0,0,0,0,0], speed=1)": (2, 3, "movej has no argument speed to give"),
+    "movej([0,0,0,0,0,0], speed=1)": (2, 3, "unknown or repeated argument speed of movej"),
     "def f(a):\n  return a\nend\nf()": (5, 3, "f needs the argument a"),
     'x = rpc_factory("xmlrpc", "http://10.0.0.1")\nx.go(speed=1)': (
         3,
         8,
-        "an argument of a method has no name, and speed is one",
+        "methods take no named arguments, got speed",
     ),
 }
 
 
 @pytest.mark.parametrize("body", NOT_COMPILED)
-def test_a_text_that_does_not_compile_tells_its_place(body: str) -> None:
+def test_uncompilable_text_has_location(body: str) -> None:
     with pytest.raises(ScriptSyntaxError) as caught:
         compile_program(program(body), FUNCTIONS)
     assert caught.value.failure[:3] == NOT_COMPILED[body]
 
 
-def test_compilation_takes_a_step_for_each_statement() -> None:
-    """Parsing one, and compiling it: so long a text keeps its device no longer than one statement does."""
+def test_compilation_takes_one_step_per_statement() -> None:
+    """One for parsing, and one for compiling: a long text blocks its device no longer than one statement does."""
     body = "if True:\n  x = [1, 2, 3]\n  while x[0] > 1:\n    sync()\n  end\nend\n" * 200
     text = program("local x = 1\n" + body)
     assert sum(1 for _ in compile_in_steps(text, FUNCTIONS)) == pytest.approx(2 * (4 * 200 + 1), abs=3)
@@ -417,28 +417,37 @@ def test_same_text_is_compiled_once() -> None:
     assert compile_program(text, dict(FUNCTIONS)) is not made
 
 
-def test_newest_programs_alone_are_kept() -> None:
+def test_only_newest_programs_are_kept() -> None:
     first = compile_program(program("x = 1"), FUNCTIONS)
     for number in range(8):
         compile_program(program(f"x = 1.{number}"), FUNCTIONS)
     assert compile_program(program("x = 1"), FUNCTIONS) is not first
 
 
-def test_our_own_programs_are_programs() -> None:
+def test_built_in_programs_compile() -> None:
     assert compile_program(program_text(50, 10.0, 2.0, 0.3), FUNCTIONS).name == "hil_bridge"
     assert compile_program(force_program_text(True), FUNCTIONS).name == "hil_ft"
 
 
-def test_every_function_answers_any_call_with_a_value_or_an_error() -> None:
-    """Nothing but an error of the program leaves a function, whatever it is given."""
-    given: tuple[str, ...] = ("1", '"a"', "[1, 2]", "None", "True", "p[0, 0, 0, 0, 0, 0]", "[[1]]", "1e308")
+def test_any_call_returns_value_or_error() -> None:
+    """Functions raise nothing but errors of the program, whatever their arguments."""
+    arguments: tuple[str, ...] = (
+        "1",
+        '"a"',
+        "[1, 2]",
+        "None",
+        "True",
+        "p[0, 0, 0, 0, 0, 0]",
+        "[[1]]",
+        "1e308",
+    )
     for name, function in FUNCTIONS.items():
-        for value in given:
-            played = Played(program(f"{name}({', '.join([value] * len(function.parameters))})"))
-            played.play(3)
+        for value in arguments:
+            trial = ProgramTrial(program(f"{name}({', '.join([value] * len(function.parameters))})"))
+            trial.play(3)
 
 
-def test_tables_say_how_far_a_function_goes() -> None:
+def test_tables_describe_support_of_functions() -> None:
     supports = [function.support for function in FUNCTIONS.values()]
     assert supports.count(Support.MODELLED) > 100
     assert supports.count(Support.TAGGED) > 50
@@ -449,7 +458,7 @@ def test_tables_say_how_far_a_function_goes() -> None:
 
 
 class Line:
-    """A connection whose other end is a test."""
+    """Connection whose other end is a test."""
 
     opening, open = False, True
 
@@ -476,8 +485,8 @@ class Line:
         self.open = False
 
 
-def test_a_program_reads_and_writes_a_socket() -> None:
-    played = Played(
+def test_program_reads_and_writes_socket() -> None:
+    trial = ProgramTrial(
         program(
             'textmsg(socket_open("10.0.0.1", 50001, "pc"))\nsocket_send_string("hello", "pc")\n'
             'socket_send_int(7, "pc")\ntextmsg(socket_read_binary_integer(2, "pc", 0.01))\n'
@@ -488,39 +497,39 @@ def test_a_program_reads_and_writes_a_socket() -> None:
     line = Line()
     opened: list[tuple[str, int]] = []
     serve: Callable[[str, int], Line] = lambda address, port: opened.append((address, port)) or line  # type: ignore[func-returns-value] # noqa: E731
-    played.controller.console.open_socket = serve
+    trial.controller.console.open_socket = serve
     line.came = b"\x00\x00\x00\x01\xff\xff\xff\xff"
-    assert played.play(6) == -1
+    assert trial.play(6) == -1
     line.came += b"word\n(1.5, -2)"
-    assert played.play(50) >= 0
+    assert trial.play(50) >= 0
     assert opened == [("10.0.0.1", 50001)]
     assert not line.open
     assert line.sent == b"hello\x00\x00\x00\x07"
-    assert played.said() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
+    assert trial.messages() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
 
 
-def test_a_variable_of_a_server_is_set_and_asked_for() -> None:
+def test_server_variable_is_set_and_read() -> None:
     """An answer of another variable, one that is not a number, and none within two seconds count as 0."""
-    played = Played(
+    trial = ProgramTrial(
         program(
             'socket_open("10.0.0.1", 63352)\nsocket_set_var("POS", 255)\n'
             + 'textmsg(socket_get_var("POS"))\n' * 4
         )
     )
     line = Line()
-    played.controller.console.open_socket = lambda address, port: line
+    trial.controller.console.open_socket = lambda address, port: line
     line.came = b"POS 12\nSTA 3\nPOS many\n"
-    assert played.play(1100) >= 1000
+    assert trial.play(1100) >= 1000
     assert line.sent == b"SET POS 255\n" + b"GET POS\n" * 4
-    assert played.said() == ["12", "0", "0", "0"]
+    assert trial.messages() == ["12", "0", "0", "0"]
 
 
-def test_without_a_network_no_socket_opens() -> None:
-    assert said(program('textmsg(socket_open("10.0.0.1", 50001))')) == ["False"]
+def test_no_socket_opens_without_network() -> None:
+    assert output_of(program('textmsg(socket_open("10.0.0.1", 50001))')) == ["False"]
 
 
-def test_numbers_that_are_none_stay_out_of_the_arm() -> None:
-    played = Played(program("x = 1e308 * 10\nmovel(p[x, 0, 0, 0, 0, 0])"))
-    assert played.play(5) >= 0
-    assert math.isfinite(max(played.controller.arm.joints))
-    assert "not a number" in played.said(Message.RUNTIME)[0]
+def test_non_finite_numbers_do_not_reach_arm() -> None:
+    trial = ProgramTrial(program("x = 1e308 * 10\nmovel(p[x, 0, 0, 0, 0, 0])"))
+    assert trial.play(5) >= 0
+    assert math.isfinite(max(trial.controller.arm.joints))
+    assert "not a number" in trial.messages(Message.RUNTIME)[0]

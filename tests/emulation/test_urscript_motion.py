@@ -1,4 +1,4 @@
-"""URScript on the emulated arm: motion in virtual time, contact, and hostile texts."""
+"""Tests of URScript on the emulated arm: motion in virtual time, contact, and hostile texts."""
 
 import math
 
@@ -18,11 +18,11 @@ T0 = 1000.25
 
 
 NEW = exact_profile(version="5.21.0.0")
-"""The first version with all motions."""
+"""First version with all motions."""
 
 
 class Bench:
-    """A robot, a client of its script port, and the time."""
+    """Robot, a client of its script port, and the time."""
 
     def __init__(self, profile: RtdeProfile = NEW) -> None:
         self.now = T0
@@ -40,15 +40,15 @@ class Bench:
             self.now += self.controller.period
             self.controller.advance(self.now)
 
-    def said(self, kind: Message) -> list[str]:
-        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
+    def messages(self, kind: Message) -> list[str]:
+        return [str(saying) for saying in self.controller.console.program_messages if saying.message == kind]
 
     @property
     def place(self) -> tuple[float, float, float]:
         return self.controller.path.pose.position
 
 
-def test_a_single_statement_moves_the_arm() -> None:
+def test_single_statement_moves_arm() -> None:
     bench = Bench()
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), a=1, v=0.1)\n")
     bench.run(1.0)
@@ -57,14 +57,14 @@ def test_a_single_statement_moves_the_arm() -> None:
 
 
 @pytest.mark.parametrize("move", ["movej", "optimovej"])
-def test_a_move_beyond_a_joints_range_ends_the_program_and_moves_nothing(move: str) -> None:
+def test_move_beyond_joint_range_ends_program(move: str) -> None:
     bench = Bench()
     before = bench.place
     bench.send(f"def mine():\n  {move}([-123, 0, 0, 0, 0, 0])\n  movej([0, -1.57, 1.57, 0, 0, 0])\nend\n")
     bench.run(0.5)
     assert bench.controller.player.runtime == Runtime.STOPPED
     assert bench.controller.state.safety == SafetyMode.NORMAL
-    assert bench.said(Message.RUNTIME) == [
+    assert bench.messages(Message.RUNTIME) == [
         "runtime error in line 2: the end of this move is beyond a joint's range"
     ]
     assert bench.place == before
@@ -73,7 +73,7 @@ def test_a_move_beyond_a_joints_range_ends_the_program_and_moves_nothing(move: s
     assert bench.controller.player.runtime == Runtime.PLAYING, "an end within the range"
 
 
-def test_a_move_takes_the_time_that_it_is_given() -> None:
+def test_move_takes_requested_time() -> None:
     bench = Bench()
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), t=1)\n")
     bench.run(0.95)
@@ -91,7 +91,7 @@ def test_a_move_takes_the_time_that_it_is_given() -> None:
         ("movel(pose_add(get_actual_tcp_pose(), p[0, 0, 0, 0, 0, 2.5]), a=99, v=99)", 0.75),
     ],
 )
-def test_a_move_in_too_short_a_time_takes_longer_and_is_no_stop(move: str, least_s: float) -> None:
+def test_move_in_too_short_time_takes_longer(move: str, least_s: float) -> None:
     """The limits are 3.14 rad/s of a joint and 1.5 m/s of the flange."""
     bench = Bench()
     bench.send(f"{move}\n")
@@ -103,7 +103,7 @@ def test_a_move_in_too_short_a_time_takes_longer_and_is_no_stop(move: str, least
     assert bench.controller.manipulator.still
 
 
-def test_an_arc_leads_through_its_third_place() -> None:
+def test_arc_passes_through_via_point() -> None:
     bench = Bench()
     bench.send(
         "def mine():\n  h = get_actual_tcp_pose()\n"
@@ -117,7 +117,7 @@ def test_an_arc_leads_through_its_third_place() -> None:
     assert bench.place == pytest.approx((0.9, 0.0, 0.6), abs=1e-6)
 
 
-def test_a_speed_holds_for_its_time_and_stops() -> None:
+def test_speed_lasts_its_time_then_stops() -> None:
     bench = Bench()
     bench.send("def mine():\n  speedl([0, 0, 0.05, 0, 0, 0], a=2, t=0.5)\n  stopl(2)\nend\n")
     bench.run(1.0)
@@ -125,15 +125,15 @@ def test_a_speed_holds_for_its_time_and_stops() -> None:
     assert bench.controller.manipulator.still
 
 
-def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
+def test_pose_out_of_reach_ends_program() -> None:
     bench = Bench()
     bench.send("movej(p[9, 9, 9, 0, 0, 0])\n")
     bench.run(0.2)
     assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
-    assert bench.said(Message.RUNTIME) == ["runtime error in line 1: no joints hold this pose"]
+    assert bench.messages(Message.RUNTIME) == ["runtime error in line 1: no joints hold this pose"]
 
 
-def test_a_line_out_of_reach_makes_a_stop_that_is_not_unlocked_too_early() -> None:
+def test_line_out_of_reach_causes_locked_stop() -> None:
     bench = Bench()
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
     while bench.controller.state.safety == SafetyMode.NORMAL:
@@ -148,8 +148,8 @@ def test_a_line_out_of_reach_makes_a_stop_that_is_not_unlocked_too_early() -> No
     assert bench.controller.state.safety == SafetyMode.NORMAL
 
 
-def test_line_out_of_reach_is_followed_until_it_leaves_workspace() -> None:
-    """As a program orders it that moves in a direction until contact."""
+def test_line_is_followed_until_it_leaves_workspace() -> None:
+    """As ordered by a program that moves in a direction until contact."""
     bench = Bench()
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0, 1000, 0, 0, 0]), a=0.5, v=0.05)\n")
     bench.run(2.0)
@@ -160,16 +160,16 @@ def test_line_out_of_reach_is_followed_until_it_leaves_workspace() -> None:
     assert 0.7 < bench.place[2] < 1.3
 
 
-def test_a_program_that_never_waits_is_stopped() -> None:
+def test_program_that_never_waits_is_stopped() -> None:
     bench = Bench()
     bench.send("def mine():\n  while True:\n    x = 1\n  end\nend\n")
     bench.run(0.1)
     assert bench.controller.player.runtime == Runtime.STOPPED
-    assert "infinite loop" in bench.said(Message.RUNTIME)[0]
+    assert "infinite loop" in bench.messages(Message.RUNTIME)[0]
 
 
-def test_a_thread_goes_on_with_servoc_where_the_arm_stands_at_its_goal() -> None:
-    """A client's thread calls it for ever; a goal that comes later is gone to as well."""
+def test_servoc_thread_continues_at_goal() -> None:
+    """A client's thread calls it forever; a later goal is also approached."""
     bench = Bench()
     bench.send(
         "def mine():\n  global goal = pose_add(get_actual_tcp_pose(), p[0, 0.02, 0, 0, 0, 0])\n"
@@ -181,21 +181,21 @@ def test_a_thread_goes_on_with_servoc_where_the_arm_stands_at_its_goal() -> None
     assert bench.place == pytest.approx((began[0], began[1] + 0.02, began[2]), abs=1e-6)
     bench.run(0.9)
     assert bench.place == pytest.approx((began[0], began[1] + 0.04, began[2]), abs=1e-6)
-    assert bench.said(Message.RUNTIME) == []
+    assert bench.messages(Message.RUNTIME) == []
 
 
-def test_a_secondary_program_runs_beside_one_and_does_not_move() -> None:
+def test_secondary_program_runs_in_parallel_without_motion() -> None:
     bench = Bench()
     bench.send("def mine():\n  sleep(1)\nend\n")
     bench.run(0.1)
     bench.send("sec side():\n  set_digital_out(1, True)\nend\nsec moves():\n  stopl(1)\nend\n")
     assert bench.controller.io.outputs["actual_digital_output_bits"] == 2
     assert bench.controller.player.runtime == Runtime.PLAYING
-    assert "must not move" in bench.said(Message.RUNTIME)[0]
+    assert "must not move" in bench.messages(Message.RUNTIME)[0]
 
 
-def test_a_move_goes_on_until_the_contact_is_felt() -> None:
-    """A surface of 20 kN/m at 0.58 m; the program stops at 10 N by the force that it feels."""
+def test_move_continues_until_contact() -> None:
+    """A surface of 20 kN/m at 0.58 m; the program stops at 10 N of its own force estimate."""
     bench = Bench()
 
     def contact(at: float) -> tuple[float, float, float]:
@@ -209,7 +209,7 @@ def test_a_move_goes_on_until_the_contact_is_felt() -> None:
         '  textmsg("contact")\nend\n'
     )
     bench.run(6.0)
-    assert bench.said(Message.TEXT) == ["contact"]
+    assert bench.messages(Message.TEXT) == ["contact"]
     assert 0.5793 < bench.place[2] < 0.5795
 
 
@@ -222,7 +222,7 @@ WORDS = (
 
 @settings(max_examples=60, deadline=4000)
 @given(st.lists(st.sampled_from(WORDS), max_size=25))
-def test_no_text_upsets_the_controller(words: list[str]) -> None:
+def test_arbitrary_text_does_not_break_controller(words: list[str]) -> None:
     bench = Bench(RtdeProfile(script_steps=2000, start_delay_ms=2.0))
     bench.send("def mine():\n  x = 1\n  " + "\n  ".join(words) + "\nend\n")
     bench.run(0.02)
@@ -231,7 +231,7 @@ def test_no_text_upsets_the_controller(words: list[str]) -> None:
 
 @settings(max_examples=60, deadline=4000)
 @given(st.binary(max_size=200))
-def test_no_bytes_upset_the_script_port(data: bytes) -> None:
+def test_arbitrary_bytes_do_not_break_script_port(data: bytes) -> None:
     bench = Bench()
     bench.port.receive(data + b"\n", bench.now)
     bench.run(0.01)

@@ -1,4 +1,4 @@
-"""Whatever is done to the robot in mid-track: the cause told is the cause that was."""
+"""The reported cause is the true one, for any failure of the robot while tracking."""
 
 from collections.abc import Callable
 from typing import Any
@@ -51,11 +51,9 @@ HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
 
 @pytest.mark.parametrize("offset_ms", [0, 20, 50, 80, 110])
 @pytest.mark.parametrize("hand", HANDS)
-def test_the_cause_names_what_happened_to_the_robot(
-    bench: Callable[..., Bench], hand: str, offset_ms: int
-) -> None:
-    """At several places of a cycle of 156 ms."""
-    act, words = HANDS[hand]
+def test_cause_names_robot_failure(bench: Callable[..., Bench], hand: str, offset_ms: int) -> None:
+    """The robot fails at several times of a cycle of 156 ms."""
+    act, message = HANDS[hand]
     done: list[float] = []
 
     def meddle(run: Bench, record: CycleRecord) -> None:
@@ -66,17 +64,19 @@ def test_the_cause_names_what_happened_to_the_robot(
     run = bench(meddle)
     assert run.result is not None
     assert run.result.outcome is Outcome.STOPPED
-    assert words in run.result.text
+    assert message in run.result.text
     assert "\n" not in run.result.text
 
 
-def test_a_robot_that_fell_silent_is_not_told_to_have_a_wrong_line(bench: Callable[..., Bench]) -> None:
-    """With each order waiting for its period, the bid is what is not answered."""
+def test_silent_robot_does_not_blame_line_settings(bench: Callable[..., Bench]) -> None:
+    """Each order waits for its period, so that the bid remains unanswered."""
 
     def silence(run: Bench, record: CycleRecord) -> None:
         if len(run.tracked()) == 3:
             run.cell.robot.inject("off", run.clock.now(), for_s=60.0)
 
     cause = bench(silence, run={"period_ms": 250.0}).result.text
-    assert "nothing came after 3 bids (ENQ); it answered before, so the line settings are correct" in cause
+    assert (
+        "nothing received after 3 bids (ENQ); it answered before, so the line settings are correct" in cause
+    )
     assert "9600 8E1" not in cause

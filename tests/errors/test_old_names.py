@@ -1,4 +1,4 @@
-"""Packages that were written for an earlier version: refused at once, with all names that have changed."""
+"""Packages for an earlier version are refused at once, with all renamed names."""
 
 import importlib
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from hil_bridge.control.steps.kinds import step_kind
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.moved_names import METHODS, MOVED, TOLD_MOST, old_names
+from hil_bridge.errors.moved_names import METHODS, MOVED, PLACES_LIMIT, old_names
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "upgrade-a-package.md"
 OLD = '''
@@ -39,7 +39,7 @@ class Wipe(Step):
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> str:
-    """A package that offers the step `wipe`, under a name of its own for each test."""
+    """Create a package with the step `wipe`, with a unique name for each test."""
     name = f"wiping_{abs(hash(request.node.name))}"
     info = tmp_path / f"{name}-1.0.dist-info"
     info.mkdir()
@@ -54,8 +54,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fix
 
 
 @pytest.mark.parametrize("package", [OLD], indirect=True)
-def test_package_that_cannot_be_imported_names_all_that_changed(package: str) -> None:
-    with pytest.raises(ConfigError, match=r"was written for a version of hil-bridge before 0\.7") as refused:
+def test_outdated_package_lists_all_renamed_names(package: str) -> None:
+    with pytest.raises(ConfigError, match=r"was written for hil-bridge before version 0\.7") as refused:
         step_kind("wipe")
     text = str(refused.value)
     assert "\n" not in text
@@ -70,24 +70,24 @@ def test_package_that_cannot_be_imported_names_all_that_changed(package: str) ->
 
 
 @pytest.mark.parametrize("package", [OLD_METHOD], indirect=True)
-def test_method_with_old_parameters_is_refused_before_a_run(package: str) -> None:
+def test_method_with_old_parameters_is_refused(package: str) -> None:
     with pytest.raises(ConfigError, match=r"take\(leg, state, felt\) is now take\(context, state\)"):
         step_kind("wipe")
 
 
 @pytest.mark.parametrize("package", [OLD * 10], indirect=True)
-def test_message_is_bounded(package: str) -> None:
-    assert old_names(f"{package}.steps").count("is now") == TOLD_MOST
+def test_old_names_message_is_bounded(package: str) -> None:
+    assert old_names(f"{package}.steps").count("is now") == PLACES_LIMIT
     assert old_names(f"{package}.steps").endswith("; and 28 more")
 
 
-def test_new_names_exist() -> None:
+def test_old_names_have_existing_replacements() -> None:
     for new in MOVED.values():
         module, _, name = new.partition(" ")[0].rpartition(".")
         assert hasattr(importlib.import_module(module), name), new
 
 
-def test_page_has_every_method_and_name() -> None:
+def test_upgrading_page_has_every_method_and_name() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for method, (_, new) in METHODS.items():
         assert f"{method}({new})" in page or f"{method}(…)" in page
@@ -95,5 +95,5 @@ def test_page_has_every_method_and_name() -> None:
         assert f"`{old}`" in page or f".{old}`" in page
 
 
-def test_package_that_is_not_there_has_no_old_names() -> None:
+def test_missing_package_has_no_old_names() -> None:
     assert old_names("no_such_package_of_anyone.steps") == ""

@@ -1,4 +1,6 @@
-"""A recording of an emulated device against emulated devices: the same has no distance, another has just its own."""
+"""Recordings of emulated devices, compared with emulated devices: equal ones have no difference, others exactly their
+own.
+"""
 
 import csv
 import json
@@ -31,23 +33,23 @@ pytestmark = pytest.mark.sweep
 
 Settings = Mapping[str, Any]
 EXACT: Settings = {f"cell.rtde.{name}": value for name, value in NO_ERROR.items()}
-"""A Universal Robot without noise: what is left is what a test asks for."""
+"""Universal Robot without noise, so that only the tested property remains."""
 WHITE: Settings = {f"cell.netft.{name}": value for name, value in STILL.items()}
-"""A Net F/T with white noise alone."""
+"""Net F/T with white noise only."""
 
 
 def rise(times: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """From rest to rest and back, without a step in speed."""
+    """Return a smooth motion between two standstills, without a step in speed."""
     return 0.5 * (1.0 - np.cos(1.6 * times))
 
 
 def robot_table(kind: str, orders: Table, settings: Settings) -> Table:
-    """A recording of an emulated robot that was played orders."""
+    """Return a recording of an emulated robot that replayed orders."""
     return emulate_robot(load_config(None, {"robot.emulated": kind, **settings}), orders)
 
 
 def compare(kind: str, measured: Table, folder: Path, settings: Settings) -> Comparison:
-    """A recording against the emulated device with settings by dotted key."""
+    """Compare a recording with the emulated device, with settings by dotted key."""
     file = folder / "cell.toml"
     sections: dict[str, list[str]] = {}
     for key, value in settings.items():
@@ -63,12 +65,12 @@ def line(comparison: Comparison, output: str) -> Line:
 
 def places(kind_cycle_s: float) -> Table:
     times = np.arange(0.0, 4.0, kind_cycle_s)
-    moved = {"order_x": 0.02 * rise(times), "order_y": np.zeros(len(times)), "order_z": -0.01 * rise(times)}
-    return Table(times, moved)
+    motion = {"order_x": 0.02 * rise(times), "order_y": np.zeros(len(times)), "order_z": -0.01 * rise(times)}
+    return Table(times, motion)
 
 
 @pytest.mark.parametrize("kind", ["rsi", "egm", "rtde"])
-def test_the_same_robot_has_no_distance(kind: str, tmp_path: Path) -> None:
+def test_same_robot_has_no_difference(kind: str, tmp_path: Path) -> None:
     settings = EXACT if kind == "rtde" else {}
     measured = robot_table(kind, places(0.004), settings)
     for axis in ("x", "z"):
@@ -81,14 +83,14 @@ def test_the_same_robot_has_no_distance(kind: str, tmp_path: Path) -> None:
         assert result.apart_rms < 1e-5
 
 
-def test_a_longer_transport_of_a_robot_is_its_distance(tmp_path: Path) -> None:
+def test_longer_transport_delay_is_measured(tmp_path: Path) -> None:
     measured = robot_table("rsi", places(0.004), {"cell.rsi.transport_delay_ms": 8.0})
     result = line(compare("rsi", measured, tmp_path, {"cell.rsi.transport_delay_ms": 20.0}), "x")
     assert result.emulated.lag_s - result.measured.lag_s == pytest.approx(0.012, abs=2e-4)
     assert result.apart_s == pytest.approx(0.012, abs=2e-4)
 
 
-def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
+def test_coarser_robot_resolution_is_measured(tmp_path: Path) -> None:
     measured = robot_table("rsi", places(0.004), {"cell.rsi.precision": 2})
     result = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
     assert result.measured.grid == pytest.approx(1e-5, rel=1e-3)
@@ -96,12 +98,12 @@ def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_joints_of_an_abb_are_played_as_joints(tmp_path: Path) -> None:
+def test_abb_joints_are_replayed_as_joints(tmp_path: Path) -> None:
     times = np.arange(0.0, 4.0, 0.004)
-    moved = {f"order_{name}": np.full(len(times), 0.1) for name in FAMILIES["q"]}
-    moved["order_q1"] = 0.1 + 0.05 * rise(times)
+    motion = {f"order_{name}": np.full(len(times), 0.1) for name in FAMILIES["q"]}
+    motion["order_q1"] = 0.1 + 0.05 * rise(times)
     slow = {"cell.egm.mode": "joint", "cell.egm.arm.natural_frequency_rad_s": 50.0}
-    measured = robot_table("egm", Table(times, moved), {"cell.egm.mode": "joint"})
+    measured = robot_table("egm", Table(times, motion), {"cell.egm.mode": "joint"})
     assert measured.columns["q3"] == pytest.approx(0.1, abs=3e-4)
     for settings, later_s in (({"cell.egm.mode": "joint"}, 0.0), (slow, 0.02)):
         quantity = line(compare("egm", measured, tmp_path, settings), "q1")
@@ -112,15 +114,15 @@ def test_joints_of_an_abb_are_played_as_joints(tmp_path: Path) -> None:
 
 
 def joints(family: str) -> Table:
-    """Two joints of a ur10e on a way, as orders of places or speeds."""
+    """Return the motion of two joints of a ur10e, as orders of positions or speeds."""
     times = np.arange(0.0, 4.0, 0.01)
     start = (0.3, -1.5, 1.8, -1.8, -1.5, 0.2)
-    moved, speed = 0.2 * rise(times), 0.2 * 0.8 * np.sin(1.6 * times)
+    motion, speed = 0.2 * rise(times), 0.2 * 0.8 * np.sin(1.6 * times)
     columns = {name: np.full(len(times), part) for name, part in zip(FAMILIES["q"], start, strict=True)}
     if family == "order_q":
         columns |= {f"order_{name}": values for name, values in columns.items()}
-        columns["order_q1"] = columns["order_q1"] + moved
-        columns["order_q4"] = columns["order_q4"] - moved
+        columns["order_q1"] = columns["order_q1"] + motion
+        columns["order_q4"] = columns["order_q4"] - motion
     else:
         columns |= dict.fromkeys(FAMILIES["target_qd"], np.zeros(len(times)))
         columns |= {"target_qd1": speed, "target_qd4": -speed}
@@ -128,7 +130,7 @@ def joints(family: str) -> Table:
 
 
 @pytest.mark.full
-def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
+def test_different_servoj_lookahead_is_measured(tmp_path: Path) -> None:
     usual = {**EXACT, "robot.rtde.lookahead_s": 0.03}
     measured = robot_table("rtde", joints("order_q"), usual)
     same = line(compare("rtde", measured, tmp_path, usual), "q1")
@@ -138,7 +140,7 @@ def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
+def test_joint_speeds_are_replayed_as_speeds(tmp_path: Path) -> None:
     measured = robot_table("rtde", joints("target_qd"), EXACT)
     columns = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
     result = line(compare("rtde", Table(measured.times, columns), tmp_path, EXACT), "q4")
@@ -147,7 +149,7 @@ def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
     assert result.apart_rms < 2e-4
 
 
-def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path) -> None:
+def test_robot_without_inputs_is_compared_by_noise(tmp_path: Path) -> None:
     times = np.arange(100) / 100.0
     force = np.random.default_rng(5).normal(0.0, 0.4, 100)
     result = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": [0.4] * 3})
@@ -158,19 +160,19 @@ def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path)
     assert result.left_out == (STANDSTILL,)
 
 
-def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> None:
+def test_table_without_robot_quantities_is_refused(tmp_path: Path) -> None:
     mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "m" }\n'
-    said = ask(tmp_path, "rtde", GOOD, mapping)
-    assert "nothing to compare: the emulated rtde does not report depth" in said
-    said = ask(tmp_path, "rsi", GOOD, "")
-    assert "nothing to compare: the emulated rsi does not report q" in said
+    output = ask(tmp_path, "rtde", GOOD, mapping)
+    assert "nothing to compare: the emulated rtde does not report depth" in output
+    output = ask(tmp_path, "rsi", GOOD, "")
+    assert "nothing to compare: the emulated rsi does not report q" in output
 
 
 # --- sensors
 
 
 def turning() -> Table:
-    """A sensor that turns about its x, with 1 kg below it."""
+    """Return a sensor that rotates about its x axis, with a load of 1 kg."""
     times = np.arange(0.0, 2.0, 0.005)
     angle = 1.2 * np.sin(3.1 * times)
     zeros, ones = np.zeros(len(times)), np.ones(len(times))
@@ -185,7 +187,7 @@ def turning() -> Table:
 
 
 def sensor_table(kind: str, settings: Settings) -> Table:
-    """A recording of an emulated sensor under that weight."""
+    """Return a recording of an emulated sensor under that load."""
     loaded = with_load(turning())
     sensed = emulate_sensor(load_config(None, {"sensor.emulated": kind, **settings}), loaded)
     rotation = {name: np.interp(sensed.times, loaded.times, loaded.columns[name]) for name in ROTATION}
@@ -197,7 +199,7 @@ def sensor_table(kind: str, settings: Settings) -> Table:
 
 
 @pytest.mark.parametrize(("noise_n", "ratio"), [(0.02, 1.0), (0.06, 3.0)])
-def test_another_noise_of_a_sensor_is_its_distance(noise_n: float, ratio: float, tmp_path: Path) -> None:
+def test_different_sensor_noise_is_measured(noise_n: float, ratio: float, tmp_path: Path) -> None:
     settings = {**WHITE, "cell.netft.rate_hz": 200, "cell.netft.noise_n": 0.02}
     measured = sensor_table("netft", settings)
     result = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
@@ -209,7 +211,7 @@ def test_another_noise_of_a_sensor_is_its_distance(noise_n: float, ratio: float,
     assert result.emulated_gaps.mean_s == pytest.approx(0.005, rel=1e-3)
 
 
-def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
+def test_stationary_sensor_is_loaded_with_mean_wrench(tmp_path: Path) -> None:
     times = np.arange(400) / 100.0
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 0.05, (400, 3)) + np.array([1.0, -2.0, -7.0])
@@ -226,9 +228,7 @@ def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("stiffness", "ratio"), [(3000.0, 1.0), (6000.0, 2.0)])
-def test_another_stiffness_is_the_distance_of_a_contact(
-    stiffness: float, ratio: float, tmp_path: Path
-) -> None:
+def test_different_contact_stiffness_is_measured(stiffness: float, ratio: float, tmp_path: Path) -> None:
     times = np.arange(0.0, 5.0, 0.01)
     depth = 0.02 + 0.001 * times
     press = 3000.0 * np.maximum(depth - 0.021, 0.0)
@@ -247,8 +247,10 @@ def test_another_stiffness_is_the_distance_of_a_contact(
     assert (line(result, "press").apart_rms < 1e-3) == (ratio == 1.0)
 
 
-def test_a_surface_of_another_kind_is_pressed_and_a_recording_may_begin_in_contact(tmp_path: Path) -> None:
-    """The law of the record of which the soft body has its figures: 0.56 N at 1 mm, to the power of 1.46."""
+def test_contact_with_soft_body_is_emulated(tmp_path: Path) -> None:
+    """The force law is that of the recording from which the soft body has its figures: 0.56 N at 1 mm, exponent 1.46.
+    The recording begins in contact.
+    """
     times = np.arange(0.0, 4.0, 0.01)
     depth = 0.001 + 0.0015 * times
     measured = Table(times, {"depth": depth, "press": 0.56 * (depth * 1e3) ** 1.46})
@@ -265,7 +267,9 @@ def test_a_surface_of_another_kind_is_pressed_and_a_recording_may_begin_in_conta
 
 
 def ask(folder: Path, kind: str, rows: Sequence[tuple[str, ...]], mapping: str, *more: str) -> str:
-    """The text that the command prints for a table, or its error. Without a mapping the columns are `t` and a joint."""
+    """Return the text that the command prints for a table, or its error. Without a mapping the columns are `t` and a
+    joint.
+    """
     table, plan = folder / "log.csv", folder / "log.toml"
     with table.open("w", newline="") as file:
         csv.writer(file).writerows(rows)
@@ -296,19 +300,19 @@ position = { columns = ["x", "y", "z"], unit = "mm" }
 """
 
 
-def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
+def test_fidelity_command_writes_page_of_table(tmp_path: Path) -> None:
     cell, page = tmp_path / "cell.toml", tmp_path / "page.html"
     cell.write_text("[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n")
     more = ("--config", str(cell), "--page", str(page))
     rows = rsi_rows()
-    said = ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
-    assert "x behind order_x" in said
-    assert str(page) in said
+    output = ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
+    assert "x behind order_x" in output
+    assert str(page) in output
     text = page.read_text()
     assert text.count("<script") == 2
     assert "log.csv against the emulated rsi" in text
     assert "http" not in text.replace("http-equiv", "").partition("<script>")[0]
-    assert "is there already" in ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
+    assert "already exists" in ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
     printed = json.loads(ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--json"))
     quantity = next(each for each in printed["lines"] if each["output"] == "x")
     assert quantity["emulated"]["lag_s"] == pytest.approx(quantity["measured"]["lag_s"], abs=3e-4)
@@ -321,20 +325,22 @@ def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["egm", "rtde", "rsi"])
 def test_recording_shorter_than_a_cycle_is_refused(tmp_path: Path, kind: str) -> None:
-    """As where a time in seconds is taken for one in milliseconds."""
+    """An example is a time in seconds that is read as milliseconds."""
     rows = [("t", "x"), *((f"{0.004 * k:.5f}", f"{0.1 * k}") for k in range(200))]
     mapping = (
         '[time]\ncolumn = "t"\nunit = "ms"\n[columns]\nposition = { columns = ["x", "", ""], unit = "mm" }\n'
     )
-    told = ask(tmp_path, kind, rows, mapping)
-    assert told == (
+    output = ask(tmp_path, kind, rows, mapping)
+    assert output == (
         f"the recording lasts 0.000796 s, too short for two samples of the emulated {kind}; check time.unit"
     )
 
 
 @pytest.mark.full
-def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
-    """Its settings are the devices'. The client's ramp stands between order and set point: a cycle may be left."""
+def test_run_is_compared_with_its_own_devices(tmp_path: Path) -> None:
+    """The settings are those of the devices. The client's ramp is between order and setpoint: a deviation of a cycle is
+    allowed.
+    """
     config, record = tmp_path / "run.toml", tmp_path / "run.mcap"
     config.write_text(
         '[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n'
@@ -343,26 +349,26 @@ def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--record", str(record)])
     assert record.exists(), result.output
 
-    def look(kind: str, output: str, *more: str) -> Any:
+    def line_as(kind: str, output: str, *more: str) -> Any:
         result = CliRunner().invoke(cli, ["identify", "fidelity", str(record), "--as", kind, "--json", *more])
         assert result.exit_code == 0, result.exception
         return next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
 
-    place, force = look("rsi", "z"), look("netft", "fz")
-    assert place["emulated"]["lag_s"] == pytest.approx(place["measured"]["lag_s"], abs=2e-3)
+    position, force = line_as("rsi", "z"), line_as("netft", "fz")
+    assert position["emulated"]["lag_s"] == pytest.approx(position["measured"]["lag_s"], abs=2e-3)
     assert force["measured"]["noise"] == pytest.approx(0.05, rel=0.1)
     assert force["emulated"]["noise"] == pytest.approx(force["measured"]["noise"], rel=0.1)
     quick = tmp_path / "quick.toml"
     quick.write_text("[cell.rsi]\ntransport_delay_ms = 0.0\n")
-    earlier = look("rsi", "z", "--config", str(quick))
-    assert earlier["emulated"]["lag_s"] == pytest.approx(place["emulated"]["lag_s"] - 0.03, abs=1e-3)
+    earlier = line_as("rsi", "z", "--config", str(quick))
+    assert earlier["emulated"]["lag_s"] == pytest.approx(position["emulated"]["lag_s"] - 0.03, abs=1e-3)
 
 
 GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
 
 
 @pytest.mark.parametrize(
-    ("rows", "mapping", "words"),
+    ("rows", "mapping", "message"),
     [
         (GOOD[:20], "", "19 rows; at least 50 are required"),
         ([*GOOD[:30], GOOD[28], *GOOD[30:]], "", "the time decreases in line 31"),
@@ -405,20 +411,20 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
         ),
     ],
 )
-def test_a_bad_table_or_mapping_is_told_in_one_line(
-    rows: Sequence[tuple[str, ...]], mapping: str, words: str, tmp_path: Path
+def test_fidelity_invalid_table_or_mapping_is_refused(
+    rows: Sequence[tuple[str, ...]], mapping: str, message: str, tmp_path: Path
 ) -> None:
-    said = ask(tmp_path, "rtde", rows, mapping)
-    assert words in said
-    assert "\n" not in said.strip()
+    output = ask(tmp_path, "rtde", rows, mapping)
+    assert message in output
+    assert "\n" not in output.strip()
 
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "fidelity").glob("*.toml"))
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
-def test_an_example_is_a_mapping_or_a_cell(file: Path, tmp_path: Path) -> None:
-    """A mapping is given tables with the columns that it names, each with values of its own."""
+def test_examples_are_mappings_or_cells(file: Path, tmp_path: Path) -> None:
+    """A mapping is tested with tables that have its columns, each with different values."""
     if file.stem.endswith("-cell"):
         load_config(file, {})
         return
@@ -444,14 +450,14 @@ def test_an_example_is_a_mapping_or_a_cell(file: Path, tmp_path: Path) -> None:
         assert steps == pytest.approx(size, rel=1e-6)
 
 
-def test_tables_without_a_time_in_common_are_refused(tmp_path: Path) -> None:
+def test_tables_without_common_time_are_refused(tmp_path: Path) -> None:
     (tmp_path / "other.csv").write_text("\n".join(["t,d", *(f"{900 + k},1" for k in range(60))]))
     mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["d"], unit = "m", file = "other.csv" }\n'
     mapping += 'press = { columns = ["q1"], unit = "N" }\n'
     assert "other.csv and log.csv have no time in common" in ask(tmp_path, "contact", GOOD, mapping)
 
 
-def test_the_reference_lists_every_family_and_unit() -> None:
+def test_reference_lists_all_families_and_units() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "fidelity.md").read_text()
     for family, units in UNITS.items():
         row = next(
@@ -462,21 +468,21 @@ def test_the_reference_lists_every_family_and_unit() -> None:
     assert f"{LEAST_SAMPLES} samples are needed" in page
 
 
-def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
+def test_unknown_kind_and_missing_mapping_are_refused(tmp_path: Path) -> None:
     assert "unknown kind 'lathe'; known: egm" in ask(tmp_path, "lathe", GOOD, "")
     assert "does not support replaying a recording" in ask(tmp_path, "s3", GOOD, "")
     result = CliRunner().invoke(cli, ["identify", "fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
     assert "give its column mapping with --columns" in str(result.exception)
 
 
-def test_without_scipy_the_command_says_what_to_install(
+def test_missing_scipy_is_reported_with_install_command(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     for name in [name for name in sys.modules if name.startswith("hil_bridge.lab.fidelity")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
-    place = tmp_path / "log.csv"
-    place.write_text("t\n", encoding="utf-8")
-    result = CliRunner().invoke(cli, ["identify", "fidelity", str(place), "--as", "contact"])
+    path = tmp_path / "log.csv"
+    path.write_text("t\n", encoding="utf-8")
+    result = CliRunner().invoke(cli, ["identify", "fidelity", str(path), "--as", "contact"])
     assert isinstance(result.exception, ConfigError)
     assert install_command("fidelity") in str(result.exception)

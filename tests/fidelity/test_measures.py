@@ -1,4 +1,4 @@
-"""Figures of signals, on signals of which they are known."""
+"""Figures of signals with known values."""
 
 import math
 
@@ -13,19 +13,19 @@ RANDOM = np.random.default_rng(7)
 
 
 def wave(times: Floats) -> Floats:
-    """Of two slow sines: an input that never stands."""
+    """Return the sum of two slow sines: an input that is never constant."""
     return 0.3 * np.sin(2.0 * times) + 0.1 * np.sin(7.0 * times)
 
 
 @pytest.mark.parametrize("lag", [-0.0053, 0.0, 0.0137, 0.1743])
-def test_a_lag_is_told_to_a_hundredth_of_a_millisecond(lag: float) -> None:
+def test_lag_is_accurate_to_10_microseconds(lag: float) -> None:
     result = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - lag))
     assert result.seconds == pytest.approx(lag, abs=2e-5)
     assert result.spread < 1e-4
     assert measures.rms(result.rest) < 1e-5
 
 
-def test_a_lag_stands_out_of_noise_and_the_noise_is_left() -> None:
+def test_lag_and_noise_are_separated() -> None:
     noise = RANDOM.normal(0.0, 1e-3, len(TIMES))
     result = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - 0.02) + noise)
     assert result.seconds == pytest.approx(0.02, abs=3e-4)
@@ -33,7 +33,7 @@ def test_a_lag_stands_out_of_noise_and_the_noise_is_left() -> None:
     assert measures.rms(result.rest) == pytest.approx(1e-3, rel=0.05)
 
 
-def test_at_an_even_speed_a_distance_is_lag_unless_a_constant_is_free() -> None:
+def test_offset_at_constant_speed_counts_as_lag() -> None:
     late = 2.0 * (TIMES - 0.06)
     assert measures.shift_of(TIMES, 2.0 * TIMES, late).seconds == pytest.approx(0.06, abs=1e-4)
     assert measures.rms(measures.shift_of(TIMES, 2.0 * TIMES, late, free=1).rest) < 1e-9
@@ -42,21 +42,21 @@ def test_at_an_even_speed_a_distance_is_lag_unless_a_constant_is_free() -> None:
 @pytest.mark.parametrize(
     "source", [np.full(len(TIMES), 1.3), 1.3 + 1e-14 * np.sin(TIMES), np.zeros(len(TIMES))]
 )
-def test_an_input_that_stands_tells_no_lag(source: Floats) -> None:
+def test_constant_input_yields_no_lag(source: Floats) -> None:
     result = measures.shift_of(TIMES, source, RANDOM.normal(1.3, 1e-3, len(TIMES)))
     assert math.isnan(result.seconds)
 
 
-def test_an_output_that_does_not_follow_tells_no_lag() -> None:
+def test_unrelated_output_yields_no_lag() -> None:
     assert math.isnan(measures.shift_of(TIMES, wave(TIMES), np.cos(50.0 * TIMES)).seconds)
 
 
-def test_the_noise_is_that_of_white_noise_on_a_slow_signal() -> None:
+def test_noise_of_slow_signal_is_white_noise() -> None:
     values = wave(TIMES) + RANDOM.normal(0.0, 0.02, len(TIMES))
     assert measures.noise_of(values) == pytest.approx(0.02, rel=0.05)
 
 
-def test_the_share_below_a_frequency_is_that_of_the_slow_part() -> None:
+def test_share_below_frequency_is_slow_variance() -> None:
     slow, fast = np.sin(2 * math.pi * 3.0 * TIMES), 0.5 * np.sin(2 * math.pi * 60.0 * TIMES)
     assert measures.share_below(TIMES, slow + fast, 20.0) == pytest.approx(0.8, abs=0.01)
     assert math.isnan(measures.share_below(TIMES, slow, 200.0)), "above half the rate"
@@ -73,18 +73,18 @@ STEP = 2.0 * math.pi / 2**19
         1.37 + 20.0 * STEP * np.sin(TIMES) + 1.5 * STEP * RANDOM.normal(size=2000),
     ],
 )
-def test_a_grid_is_told_through_the_rounding_of_a_short_float(values: Floats) -> None:
+def test_grid_is_found_despite_float32_rounding(values: Floats) -> None:
     on_grid = (np.round(values / STEP) * STEP).astype(np.float32).astype(np.float64)
     assert measures.grid_of(on_grid) == pytest.approx(STEP, rel=0.02)
     assert math.isnan(measures.grid_of(values)), "values without a grid"
 
 
-def test_a_ramp_has_no_grid_and_a_rounded_ramp_has_one() -> None:
+def test_only_rounded_ramp_has_grid() -> None:
     assert math.isnan(measures.grid_of(0.01 * TIMES))
     assert measures.grid_of(np.round(0.01 * TIMES, 3)) == pytest.approx(1e-3, rel=1e-6)
 
 
-def test_times_between_samples() -> None:
+def test_sample_intervals_have_statistics() -> None:
     times = np.cumsum(np.array([0.0] + [0.002] * 98 + [0.010]))
     result = measures.gaps_of(times)
     assert result.mean_s == pytest.approx(0.206 / 99)
@@ -92,6 +92,6 @@ def test_times_between_samples() -> None:
     assert result.deviation_s == pytest.approx(math.sqrt(98) / 99 * 0.008)
 
 
-def test_the_way_of_speeds_is_their_integral() -> None:
-    way = measures.integral_of(TIMES, np.cos(TIMES))
-    assert way == pytest.approx(np.sin(TIMES), abs=1e-5)
+def test_integral_of_speeds_is_distance() -> None:
+    distance = measures.integral_of(TIMES, np.cos(TIMES))
+    assert distance == pytest.approx(np.sin(TIMES), abs=1e-5)

@@ -1,4 +1,4 @@
-"""Tables as other programs write them: what they hold is read, or refused with its line; nothing is guessed."""
+"""Tables as other programs write them: read, or refused with the line number; nothing is guessed."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ COUNT = 60
 def table_of(
     folder: Path, content: str | bytes, columns: str = PRESS, time: str = 'column = "t"', top: str = ""
 ) -> Table:
-    """The table of a file under a mapping."""
+    """Return the table of a file with a mapping."""
     file, mapping = folder / "log.csv", folder / "map.toml"
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     mapping.write_text(f"{top}\n[time]\n{time}\n[columns]\n{columns}\n", encoding="utf-8")
@@ -29,7 +29,7 @@ def table_of(
 
 
 def refusal(folder: Path, content: str | bytes, *more: str, **settings: str) -> str:
-    """The one line that refuses a file."""
+    """Return the one-line error for a file."""
     with pytest.raises(ConfigError) as caught:
         table_of(folder, content, *more, **settings)
     text = str(caught.value)
@@ -39,27 +39,27 @@ def refusal(folder: Path, content: str | bytes, *more: str, **settings: str) -> 
 
 
 def text_of(header: str = "t,f", separator: str = ",", rows: Sequence[Sequence[str]] = ()) -> str:
-    """A table of times in hundredths and forces that rise by 0.5."""
+    """Return a table with times in steps of 0.01 and forces that rise by 0.5."""
     rows = rows or [(f"{k / 100}", f"{k / 2}") for k in range(COUNT)]
     return "\n".join([header, *(separator.join(row) for row in rows)]) + "\n"
 
 
 def with_row(line: int, *cells: str) -> list[Sequence[str]]:
-    """The usual rows, that of a line replaced."""
+    """Return the usual rows with the row of one line replaced."""
     rows: list[Sequence[str]] = [(f"{k / 100}", f"{k / 2}") for k in range(COUNT)]
     rows[line - 2] = cells
     return rows
 
 
 def check_usual(table: Table) -> None:
-    """It holds the usual values."""
+    """Check for the usual values."""
     assert table.times == pytest.approx(np.arange(COUNT) / 100)
     assert table.columns["press"] == pytest.approx(np.arange(COUNT) / 2)
     assert table.notes == ()
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
-def test_byte_order_mark_names_the_encoding(tmp_path: Path, encoding: str) -> None:
+def test_byte_order_mark_selects_encoding(tmp_path: Path, encoding: str) -> None:
     mark = "\ufeff" if encoding == "utf-16-be" else ""
     check_usual(table_of(tmp_path, (mark + text_of()).replace("\n", "\r\n").encode(encoding)))
 
@@ -74,7 +74,7 @@ def test_quoted_decimal_comma_is_read(tmp_path: Path) -> None:
     check_usual(table_of(tmp_path, text_of(rows=rows)))
 
 
-def test_comma_of_thousands_or_decimals_is_refused(tmp_path: Path) -> None:
+def test_ambiguous_comma_is_refused(tmp_path: Path) -> None:
     rows = [(str(k), "1,234") for k in range(COUNT)]
     text = text_of("t;f", ";", rows)
     assert "line 2: press: '1,234': the comma may be a thousands separator" in refusal(tmp_path, text)
@@ -89,25 +89,25 @@ def test_unquoted_decimal_comma_between_commas_is_refused(tmp_path: Path) -> Non
     assert "line 3 has 3 cells" in refusal(tmp_path, text_of(rows=with_row(3, "0.01", "0", "5")))
 
 
-def test_quote_that_is_not_closed_is_refused(tmp_path: Path) -> None:
+def test_unclosed_quote_is_refused(tmp_path: Path) -> None:
     rows = [(f"{k / 100}", f"{k / 2}", '"ok"' if k != 70 else '"ok') for k in range(150)]
     assert "line 72: not a table: unclosed quote" in refusal(tmp_path, text_of("t,f,note", rows=rows))
 
 
-def test_value_beyond_all_numbers_is_refused_by_its_quantity(tmp_path: Path) -> None:
+def test_overflowing_value_is_refused_by_quantity(tmp_path: Path) -> None:
     table = table_of(tmp_path, text_of(rows=with_row(4, "0.02", "1e307")), PRESS.replace('"N"', '"kN"'))
     with pytest.raises(ConfigError, match="press reaches inf N"):
         table.check()
 
 
 @pytest.mark.parametrize("number", ["1_000", "1e999", "0x10", "--1", "1 5"])
-def test_number_of_python_alone_is_refused(tmp_path: Path, number: str) -> None:
+def test_python_only_number_format_is_refused(tmp_path: Path, number: str) -> None:
     assert f"press in line 4 is not a number: '{number}'" in refusal(
         tmp_path, text_of(rows=with_row(4, "0.02", number))
     )
 
 
-def test_lines_in_front_of_the_names_are_skipped(tmp_path: Path) -> None:
+def test_lines_before_header_are_skipped(tmp_path: Path) -> None:
     front = 'Test bench 7\nOperator; "unknown\n\n# rate, 100 Hz\n'
     check_usual(table_of(tmp_path, front + text_of()))
     check_usual(table_of(tmp_path, "# " + text_of()))
@@ -121,7 +121,7 @@ def test_lines_in_front_of_the_names_are_skipped(tmp_path: Path) -> None:
     check_usual(table_of(tmp_path, numbered, mapping, "column = 1", "header = false"))
 
 
-def test_column_of_a_name_that_two_have_is_refused(tmp_path: Path) -> None:
+def test_ambiguous_column_name_is_refused(tmp_path: Path) -> None:
     rows = [(f"{k / 100}", "1", "2") for k in range(COUNT)]
     text = text_of("t,f,f", rows=rows)
     assert "columns 2 and 3 are both named 'f'; give the column's number" in refusal(tmp_path, text)
@@ -144,14 +144,14 @@ def test_iso_times_are_read(tmp_path: Path, cell: str, seconds: float) -> None:
     assert table.times == pytest.approx(np.arange(COUNT) * seconds, abs=1e-6)
 
 
-def test_iso_times_across_zones_are_compared_in_one(tmp_path: Path) -> None:
+def test_iso_times_of_different_zones_are_converted(tmp_path: Path) -> None:
     rows = [(f"2024-01-20T21:25:{k:02d}Z", "1") for k in range(COUNT)]
     rows[7] = ("2024-01-20T22:25:07+01:00", "1")
     assert table_of(tmp_path, text_of(rows=rows)).times[7] == 7.0
 
 
 @pytest.mark.parametrize(
-    ("line", "cell", "words"),
+    ("line", "cell", "message"),
     [
         (5, "2024-01-20T21:25:03", "line 5: '2024-01-20T21:25:03' is mixed with times with a zone"),
         (5, "2024-01-20T21:25:61Z", "line 5: '2024-01-20T21:25:61Z' is not an ISO 8601 time"),
@@ -160,13 +160,13 @@ def test_iso_times_across_zones_are_compared_in_one(tmp_path: Path) -> None:
         (2, "21:25:00", "time in line 2 is not a number: '21:25:00'"),
     ],
 )
-def test_other_times_among_iso_times_are_refused(tmp_path: Path, line: int, cell: str, words: str) -> None:
+def test_mixed_time_formats_are_refused(tmp_path: Path, line: int, cell: str, message: str) -> None:
     rows = [(f"2024-01-20T21:25:{k:02d}Z", "1") for k in range(COUNT)]
     rows[line - 2] = (cell, "1")
-    assert words in refusal(tmp_path, text_of(rows=rows))
+    assert message in refusal(tmp_path, text_of(rows=rows))
 
 
-def test_iso_times_with_a_unit_or_another_file_in_numbers_are_refused(tmp_path: Path) -> None:
+def test_iso_times_mixed_with_numbers_are_refused(tmp_path: Path) -> None:
     rows = [(f"2024-01-20T21:25:{k:02d}Z", "1") for k in range(COUNT)]
     text = text_of(rows=rows)
     assert "remove time.unit" in refusal(tmp_path, text, time='column = "t"\nunit = "ms"')
@@ -188,7 +188,7 @@ def test_iso_times_with_a_unit_or_another_file_in_numbers_are_refused(tmp_path: 
         ("f [ozf]", 0.27801385095378125),
     ],
 )
-def test_unit_of_the_header_is_taken_and_reported(tmp_path: Path, heading: str, size: float) -> None:
+def test_header_unit_is_used_and_reported(tmp_path: Path, heading: str, size: float) -> None:
     name = split_heading(heading)[0]
     table = table_of(tmp_path, text_of(f"t,{heading}"), f'press = {{ columns = ["{name}"] }}')
     assert table.columns["press"][2] == pytest.approx(size, rel=1e-15)
@@ -207,12 +207,12 @@ def test_unit_of_the_header_is_taken_and_reported(tmp_path: Path, heading: str, 
         ("kgf·cm", 0.0980665),
     ],
 )
-def test_unit_of_a_moment_has_its_size(tmp_path: Path, unit: str, size: float) -> None:
+def test_moment_unit_is_converted(tmp_path: Path, unit: str, size: float) -> None:
     mapping = f'moment = {{ columns = ["f", "", ""], unit = "{unit}" }}'
     assert table_of(tmp_path, text_of(), mapping).columns["mx"][2] == pytest.approx(size, rel=1e-14)
 
 
-def test_units_below_the_names_are_taken(tmp_path: Path) -> None:
+def test_unit_line_below_header_is_used(tmp_path: Path) -> None:
     text = text_of("t,f\nms,lbf")
     table = table_of(tmp_path, text, 'press = { columns = ["f"] }')
     assert table.times[1] == pytest.approx(1e-5)
@@ -221,7 +221,7 @@ def test_units_below_the_names_are_taken(tmp_path: Path) -> None:
     assert "press is in lbf by its header and in N by the mapping" in refusal(tmp_path, text)
 
 
-def test_unit_that_header_and_mapping_contradict_is_refused(tmp_path: Path) -> None:
+def test_contradictory_unit_is_refused(tmp_path: Path) -> None:
     assert "press is in lbf by its header and in N" in refusal(tmp_path, text_of("t,f [lbf]"))
     assert "time is in ms by its header and in s" in refusal(
         tmp_path, text_of("t (ms),f"), time='column = "t"\nunit = "s"'
@@ -236,8 +236,8 @@ def test_unit_that_header_and_mapping_contradict_is_refused(tmp_path: Path) -> N
 
 
 def test_counts_need_a_factor(tmp_path: Path) -> None:
-    said = refusal(tmp_path, text_of(), 'press = { columns = ["f"], unit = "counts" }')
-    assert 'columns.press is in counts; set unit = "N" and factor = N per count' in said
+    output = refusal(tmp_path, text_of(), 'press = { columns = ["f"], unit = "counts" }')
+    assert 'columns.press is in counts; set unit = "N" and factor = N per count' in output
     assert "press is in counts; set" in refusal(
         tmp_path, text_of("t,f [counts]"), 'press = { columns = ["f"] }'
     )
@@ -246,19 +246,19 @@ def test_counts_need_a_factor(tmp_path: Path) -> None:
     each = 'force = { columns = ["f", "", "f"], unit = "N", factor = [0.5, 1, 2] }'
     table = table_of(tmp_path, text_of(), each)
     assert (table.columns["fx"][2], table.columns["fz"][2]) == (0.5, 2.0)
-    for factor, words in (
+    for factor, text in (
         ("0", "must be a number other than 0, got 0"),
         ("nan", "other than 0, got nan"),
         ("[1, 2]", "must be one number, or 1, got 2"),
     ):
         mapping = f'press = {{ columns = ["f"], unit = "N", factor = {factor} }}'
-        assert words in refusal(tmp_path, text_of(), mapping)
+        assert text in refusal(tmp_path, text_of(), mapping)
     assert "factor requires columns.press.unit" in refusal(
         tmp_path, text_of(), 'press = { columns = ["f"], factor = 2 }'
     )
 
 
-def test_rows_with_blank_cells_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_rows_with_blank_cells_are_skipped_and_counted(tmp_path: Path) -> None:
     rows = with_row(5, "0.03", " ")
     rows[7] = ("", "")
     table = table_of(tmp_path, text_of(rows=rows))
@@ -274,7 +274,7 @@ def test_rows_with_blank_cells_are_left_out_and_counted(tmp_path: Path) -> None:
     assert "60 of 60 rows skipped for blank cells" in refusal(tmp_path, text_of(rows=empty))
 
 
-def test_first_row_of_equal_times_counts(tmp_path: Path) -> None:
+def test_duplicate_times_keep_first_row(tmp_path: Path) -> None:
     rows = with_row(5, "0.02", "99")
     table = table_of(tmp_path, text_of(rows=rows))
     assert 99.0 not in table.columns["press"]
@@ -296,19 +296,19 @@ def test_quaternion_becomes_a_rotation(tmp_path: Path, names: str) -> None:
     for k, part in enumerate(ROTATION):
         assert table.columns[part] == pytest.approx(expected[:, k], abs=3e-4)
     rows[3] = (rows[3][0], "0", "0", "0", "0")
-    words = "the quaternion in line 5 is invalid: its length is not 1"
-    assert words in refusal(
+    text = "the quaternion in line 5 is invalid: its length is not 1"
+    assert text in refusal(
         tmp_path, text_of(f"t,{names}", rows=rows), f"rotation = {{ columns = [{listed}] }}"
     )
 
 
 @pytest.mark.parametrize("columns", ['["q1", "q2", "q3", "q4"]', "[2, 3, 4, 5]", '["ax", "y", "z", "w"]'])
-def test_quaternion_without_an_order_is_refused(tmp_path: Path, columns: str) -> None:
-    said = refusal(tmp_path, text_of(), f"rotation = {{ columns = {columns} }}")
-    assert "must have a common name ending in x, y, z and w" in said
+def test_quaternion_without_component_order_is_refused(tmp_path: Path, columns: str) -> None:
+    output = refusal(tmp_path, text_of(), f"rotation = {{ columns = {columns} }}")
+    assert "must have a common name ending in x, y, z and w" in output
 
 
-def test_notes_of_a_table_are_on_standard_error(tmp_path: Path) -> None:
+def test_table_notes_go_to_stderr(tmp_path: Path) -> None:
     rows = [(f"{k / 100}", f"{math.sin(k / 30):.4f}") for k in range(400)]
     rows[9] = (rows[9][0], "")
     (tmp_path / "log.csv").write_text(text_of("t,q [rad]", rows=rows))
@@ -326,7 +326,7 @@ def test_notes_of_a_table_are_on_standard_error(tmp_path: Path) -> None:
         assert "1 of 400 rows skipped for blank cells" in result.stderr
 
 
-def test_spellings_of_a_unit_are_one() -> None:
+def test_unit_spellings_are_equivalent() -> None:
     assert {plain_unit(text) for text in ("Nm", "N*m", "N-m", "N m", " N · m ", "N.m")} == {"N·m"}
     assert split_heading("q_1") == ("q_1", "", False)
     assert split_heading("force[0]") == ("force", "", True)

@@ -1,4 +1,4 @@
-"""Whole runs against an emulated cell that goes wrong, in virtual time, with the truth looked at from beside."""
+"""Complete runs against a faulty emulated cell, in virtual time, with the ground truth sampled independently."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -22,16 +22,16 @@ from tests.near_surface import awake_config, merged
 from tests.paper_cell import PaperCell
 
 WATCH_S = 0.01
-"""How often the truth is looked at, s."""
+"""Interval between samples of the ground truth, s."""
 
 
 class Killed(BaseException):
-    """The process is gone: nothing more is ordered."""
+    """Simulated end of the process: no further orders."""
 
 
 @dataclass
 class Guarded:
-    """One run, and what was true meanwhile."""
+    """One run, and the ground truth meanwhile."""
 
     config: Config
     meddle: Callable[["Guarded", CycleRecord], None] = lambda run, record: None
@@ -83,7 +83,7 @@ class Guarded:
         raise Killed
 
     async def main(self, cell: PaperCell | None = None) -> "Guarded":
-        """Run, in a cell of its own or in one that is there."""
+        """Run in this cell, or in a new one."""
         self.clock = clock = Clock.running()
         timers: list[Timer] = []
 

@@ -1,6 +1,6 @@
-"""Every state that the model can come to, and the rules that hold in all of them.
+"""Every reachable state of the model, and the rules that hold in all of them.
 
-The search goes breadth first. From each state it tries no condition, each condition alone, and every two at once.
+The search is breadth-first. From each state it tries no condition, each condition alone, and every pair.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -42,7 +42,7 @@ class GuardRule(StrEnum):
 
 
 RANKS: Mapping[str, int] = {CONNECT: 0, TARE: 1, Phase.RETRACT: 3, BY_ORDERS: 4, AT_REST: 5, Phase.END: 6}
-"""Order of the phases once a run ends; those of the work stand at 2."""
+"""Order of the phases once a run ends; the working phases are at 2."""
 
 Check = Callable[[GuardModel, GuardState, GuardStep], bool]
 
@@ -66,7 +66,7 @@ def _still(model: GuardModel, before: GuardState, step: GuardStep) -> bool:
 
 
 def _rests(state: GuardState) -> bool:
-    """Whether nothing is ordered from here on. A run that ends on the way to its zero orders nothing either."""
+    """Whether nothing is ordered from here on. A run that ends during the motion to its zero orders nothing either."""
     return state.phase in (AT_REST, Phase.END) or (state.phase == TARE and state.code is not None)
 
 
@@ -84,12 +84,12 @@ def _stage(model: GuardModel, before: GuardState, step: GuardStep) -> bool:
     return order.index(step.after.stage) >= order.index(before.stage)
 
 
-def _told(model: GuardModel, before: GuardState, step: GuardStep) -> bool:
+def _check_report(model: GuardModel, before: GuardState, step: GuardStep) -> bool:
     after = step.after
     if after.told is Told.UNMOVED:
         return before.phase in (CONNECT, TARE)
-    found = any(model.rows[cause].when is When.END for cause in step.conditions)
-    return after.told is not Told.RETRACTED or (before.away and not found)
+    result = any(model.rows[cause].when is When.END for cause in step.conditions)
+    return after.told is not Told.RETRACTED or (before.away and not result)
 
 
 CHECKS: Mapping[GuardRule, Check] = {
@@ -108,7 +108,7 @@ CHECKS: Mapping[GuardRule, Check] = {
     ),
     GuardRule.CLAMP: _clamp,
     GuardRule.STAGE: _stage,
-    GuardRule.TOLD: _told,
+    GuardRule.TOLD: _check_report,
     GuardRule.CODE: lambda model, before, step: (
         step.after.phase != Phase.END
         or step.after.code not in (COMPLETED, INTERRUPTED)
@@ -125,7 +125,7 @@ class GuardSearch:
     states: int
     steps: int
     broken: Mapping[GuardRule, tuple[GuardStep, ...]]
-    """Each rule that does not hold, with the shortest way to where it breaks."""
+    """Each violated rule, with the shortest path to its violation."""
 
     @property
     def held(self) -> tuple[GuardRule, ...]:
@@ -136,13 +136,13 @@ class GuardSearch:
 def search(model: GuardModel) -> GuardSearch:
     """Go through all states of the model."""
     parents: dict[GuardState, tuple[GuardState, GuardStep] | None] = {GuardState(): None}
-    ways: dict[GuardState, set[GuardState]] = {}
+    successors: dict[GuardState, set[GuardState]] = {}
     broken: dict[GuardRule, tuple[GuardStep, ...]] = {}
-    looked: set[Cause] = set()
+    checked: set[Cause] = set()
     waiting, count = [GuardState()], 0
     for state in waiting:  # it grows meanwhile
-        ways[state] = set()
-        for step, alike in _all_steps(model, state, looked):
+        successors[state] = set()
+        for step, alike in _all_steps(model, state, checked):
             count += alike
             for rule, check in CHECKS.items():
                 if rule not in broken and not check(model, state, step):
@@ -150,24 +150,24 @@ def search(model: GuardModel) -> GuardSearch:
             if step.after not in parents:
                 parents[step.after] = state, step
                 waiting.append(step.after)
-            ways[state].add(step.after)
-    ending = _that_end(ways)
+            successors[state].add(step.after)
+    ending = _ending_states(successors)
     for state in parents:
         if state not in ending:
             broken.setdefault(GuardRule.WAY_OUT, _path(parents, state))
-    if {cause for cause, row in model.rows.items() if row.when is not When.READING} - looked:
+    if {cause for cause, row in model.rows.items() if row.when is not When.READING} - checked:
         broken[GuardRule.LOOKED] = ()
     return GuardSearch(len(parents), count, broken)
 
 
-def _all_steps(model: GuardModel, state: GuardState, looked: set[Cause]) -> Iterator[tuple[GuardStep, int]]:
+def _all_steps(model: GuardModel, state: GuardState, checked: set[Cause]) -> Iterator[tuple[GuardStep, int]]:
     """Every step from a state, each with the number of those that are alike.
 
-    Conditions of which the table says the same lead to the same, so that one of them is tried for all.
+    Conditions with equal rows in the table have equal effects, so only one of them is tried.
     """
     for phase in sorted(model.next_phases(state)):
         causes = model.conditions(phase)
-        looked.update(causes)
+        checked.update(causes)
         kinds: dict[object, list[Cause]] = {}
         for cause in causes:
             row = model.rows[cause]
@@ -183,10 +183,10 @@ def _all_steps(model: GuardModel, state: GuardState, looked: set[Cause]) -> Iter
                 yield step, alike
 
 
-def _that_end(ways: Mapping[GuardState, set[GuardState]]) -> set[GuardState]:
-    """States from which an end that is told can be reached."""
-    ending = {state for state in ways if state.phase == Phase.END and state.told is not Told.NOTHING}
-    while more := {state for state, after in ways.items() if state not in ending and after & ending}:
+def _ending_states(successors: Mapping[GuardState, set[GuardState]]) -> set[GuardState]:
+    """Return the states from which a reported end can be reached."""
+    ending = {state for state in successors if state.phase == Phase.END and state.told is not Told.NOTHING}
+    while more := {state for state, after in successors.items() if state not in ending and after & ending}:
         ending |= more
     return ending
 

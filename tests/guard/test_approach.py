@@ -1,4 +1,4 @@
-"""A sensor that does not answer on the way to the surface: how deep the tool gets, and how the run ends."""
+"""A sensor without response during the approach: how deep the tool moves, and how the run ends."""
 
 import re
 from collections.abc import Callable
@@ -26,7 +26,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "sensor": {"emulated": "netft"},
 }
 TOUCHES_S = 0.95
-"""About when a healthy approach from 2 mm touches, after its begin, s."""
+"""Approximate time of touch of a healthy approach from 2 mm, after its start, s."""
 
 
 def approach(robot: str, stiffness: float, *faults: dict[str, Any], **more: Any) -> Config:
@@ -58,13 +58,13 @@ def strikes(name: str, after_s: float, **how: Any) -> dict[str, Any]:
 
 @CELLS
 @pytest.mark.parametrize("early_s", [0.6, 0.1])
-def test_a_stuck_sensor_ends_the_approach_within_a_millimetre(
+def test_stuck_sensor_ends_approach_within_1_mm(
     guarded: Run, robot: str, stiffness: float, early_s: float
 ) -> None:
     config = approach(robot, stiffness, strikes("stuck", TOUCHES_S - early_s))
     run = guarded(config)
     assert run.result.outcome is Outcome.STOPPED
-    slack_mm = 0.75  # a cycle of the slowest line, and what is under way
+    slack_mm = 0.75  # a cycle of the slowest line, and the motion already ordered
     assert run.largest <= stiffness * (config.limits.unchanged_mm + slack_mm) * 1e-3
     assert "repeated the same counts" in run.cause
     assert "through free space" in run.cause
@@ -73,34 +73,32 @@ def test_a_stuck_sensor_ends_the_approach_within_a_millimetre(
 @CELLS
 @pytest.mark.parametrize("axis", ["fz", "all"])
 @pytest.mark.parametrize("early_s", [0.5, 0.1, -0.05])
-def test_an_axis_that_dies_is_no_touch(
+def test_dying_axis_is_not_a_touch(
     guarded: Run, robot: str, stiffness: float, axis: str, early_s: float
 ) -> None:
-    """It tells the weight that it has lost as a press, which going deeper does not answer."""
+    """The axis reports the missing weight as a contact force, which does not rise with depth."""
     run = guarded(approach(robot, stiffness, strikes("dead", TOUCHES_S - early_s, axis=axis)))
     assert run.result.outcome is Outcome.STOPPED
     assert run.largest <= max(10.0, stiffness * 1.7e-3)
     assert run.last == 0.0
-    assert "the touch is not answered" in run.cause or "after the retraction" in run.cause
+    assert "the force does not respond" in run.cause or "after the retraction" in run.cause
 
 
 @CELLS
-def test_an_axis_that_dies_is_no_touch_in_a_written_program_either(
-    guarded: Run, robot: str, stiffness: float
-) -> None:
+def test_dying_axis_is_not_a_touch_in_program(guarded: Run, robot: str, stiffness: float) -> None:
     """Its first moments of tracking are watched as those of a run without steps."""
-    way = {"kind": "line", "length_mm": 50.0}
-    steps = [{"do": "approach"}, {"do": "track", "path": way, "for_s": 1.0}, {"do": "retract"}]
+    path = {"kind": "line", "length_mm": 50.0}
+    steps = [{"do": "approach"}, {"do": "track", "path": path, "for_s": 1.0}, {"do": "retract"}]
     dies = strikes("dead", TOUCHES_S + 0.05, axis="fz")
     run = guarded(approach(robot, stiffness, dies, task={"step": steps}))
     assert run.result.outcome is Outcome.STOPPED
     assert run.largest <= max(10.0, stiffness * 1.7e-3)
     assert run.last == 0.0
-    assert "the touch is not answered" in run.cause or "after the retraction" in run.cause
+    assert "the force does not respond" in run.cause or "after the retraction" in run.cause
 
 
 @CELLS
-def test_a_pull_in_free_space_ends_the_approach(guarded: Run, robot: str, stiffness: float) -> None:
+def test_pull_in_free_space_ends_approach(guarded: Run, robot: str, stiffness: float) -> None:
     """The zero is off by less than `limits.pull_limit_n`: the tool would press on in search of the force it has."""
     run = guarded(approach(robot, stiffness, strikes("offset", 0.3, axis="fz", amount=3.0)))
     assert re.search(r"a pull of 3\.[01] N", run.cause)  # 3 N, the arm's vibration and the noise
@@ -109,7 +107,7 @@ def test_a_pull_in_free_space_ends_the_approach(guarded: Run, robot: str, stiffn
 
 
 @ROBOTS
-def test_an_approach_without_a_surface_is_short(guarded: Run, robot: str) -> None:
+def test_approach_without_surface_is_short(guarded: Run, robot: str) -> None:
     config = approach(
         robot, 5e3, cell={"surface": {"height_mm": 400.0}, "start_position_mm": (900.0, -100.0, 592.0)}
     )
@@ -122,8 +120,8 @@ def test_an_approach_without_a_surface_is_short(guarded: Run, robot: str) -> Non
 
 @ROBOTS
 @pytest.mark.parametrize("stiffness", [8e2, 5e3, 5e4])
-def test_a_healthy_touch_is_taken_for_one(guarded: Run, robot: str, stiffness: float) -> None:
-    """Also where the force that is wanted is the very weight of the tool."""
+def test_healthy_touch_is_accepted(guarded: Run, robot: str, stiffness: float) -> None:
+    """Also if the desired force equals the weight of the tool."""
     for force_n in (10.0, 4.9):
         task = {"force_n": force_n, "expected_stiffness_n_m": max(stiffness, 5e3)}
         run = guarded(approach(robot, stiffness, task=task))
@@ -134,7 +132,7 @@ def test_a_healthy_touch_is_taken_for_one(guarded: Run, robot: str, stiffness: f
     "sensor", ["jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300", "ft300-urcap"]
 )
 @pytest.mark.parametrize("speed_mm_s", [0.9, 11.0])
-def test_a_quiet_sensor_is_not_taken_for_a_stuck_one(sensor: str, speed_mm_s: float) -> None:
+def test_quiet_sensor_is_not_reported_as_stuck(sensor: str, speed_mm_s: float) -> None:
     result = hil_bridge.simulate(
         {
             **QUICK,
@@ -151,8 +149,8 @@ def test_a_quiet_sensor_is_not_taken_for_a_stuck_one(sensor: str, speed_mm_s: fl
     assert result.recording.end["outcome"] == "completed", result.recording.end["text"]
 
 
-def test_a_second_that_comes_again_is_an_old_force(guarded: Run) -> None:
-    """It is live and noisy, but it has come before. The distance bounds how deep it could lead."""
+def test_replayed_second_is_an_old_force(guarded: Run) -> None:
+    """The replayed force is noisy, but old. The distance limits how deep the tool can go."""
     task = {"approach_depth_limit_mm": 4.0}
     run = guarded(approach("egm", 5e3, strikes("replayed", 0.0, length_s=0.5), task=task))
     assert run.cause.startswith("the newest force is ")

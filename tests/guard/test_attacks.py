@@ -1,4 +1,4 @@
-"""Ways in which a guard was once led past its promises, each found by attacking it."""
+"""Attacks that once broke the guard's promises."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,16 +20,14 @@ SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
 
 
 class Silent(Exception):
-    """Cannot even be shown."""
+    """Exception that fails when converted to text."""
 
     def __str__(self) -> str:
         raise RuntimeError("nothing to say")
 
 
 @pytest.mark.parametrize("error", [TimeoutError(), AssertionError(), RecursionError(), Silent()])
-def test_an_exception_without_words_is_retracted_from(
-    guarded: Run, configured: Configured, error: Exception
-) -> None:
+def test_exception_without_text_retracts(guarded: Run, configured: Configured, error: Exception) -> None:
     def break_down(run: Guarded, record: Any) -> None:
         if sum(cycle.phase == "track" for cycle in run.cycles) == 5:
             raise error
@@ -41,17 +39,17 @@ def test_an_exception_without_words_is_retracted_from(
 
 
 @pytest.mark.parametrize("kind", ["bug", "stop", "phase"])
-def test_a_log_that_fails_keeps_no_run_from_retracting(
+def test_failing_log_does_not_prevent_retraction(
     guarded: Run, configured: Configured, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     def break_down(run: Guarded, record: Any) -> None:
         if sum(cycle.phase == "track" for cycle in run.cycles) == 5:
-            told = run.event
+            reported = run.event
 
             def event(record: Any) -> None:
                 if record.kind == kind:
                     raise OSError("the disk is gone")
-                told(record)
+                reported(record)
 
             run.event = event
             raise ZeroDivisionError("lost count")
@@ -63,7 +61,7 @@ def test_a_log_that_fails_keeps_no_run_from_retracting(
 
 
 @SURFACES
-def test_a_border_beside_the_way_holds_neither_depth_nor_retraction(
+def test_lateral_border_does_not_hold_retraction(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
     rising = {"on": "surface", "fault": "rises", "phase": "track", "after_s": 2.0, "with": {"mm_s": 2.0}}
@@ -83,7 +81,7 @@ def test_a_border_beside_the_way_holds_neither_depth_nor_retraction(
     assert max(record.sample.position[1] for record in run.cycles) <= -0.085 + 0.2e-3
 
 
-def test_a_tool_that_is_to_stand_still_forgets_its_orders(guarded: Run, configured: Configured) -> None:
+def test_stopped_tool_cancels_its_orders(guarded: Run, configured: Configured) -> None:
     """The robot is frozen while it is ordered back, and an obstacle waits there: it must not drive on into it."""
     config = configured(
         5e3,
@@ -97,13 +95,11 @@ def test_a_tool_that_is_to_stand_still_forgets_its_orders(guarded: Run, configur
     assert "while the tool retracted" in run.cause
     stopped = next(event.at for event in run.events if event.kind == EventKind.STOP)
     at_stop = max(force for at, force in run.truths if at <= stopped + 0.15)
-    assert run.largest <= at_stop + 1.0, "it stood still within a transport delay"
+    assert run.largest <= at_stop + 1.0, "it stopped within a transport delay"
 
 
-@pytest.mark.parametrize("way", ["refused", "bug", "silent sensor"])
-def test_above_the_start_a_pressing_tool_is_retracted_too(
-    guarded: Run, configured: Configured, way: str
-) -> None:
+@pytest.mark.parametrize("ending", ["refused", "bug", "silent sensor"])
+def test_pressing_tool_above_start_is_retracted(guarded: Run, configured: Configured, ending: str) -> None:
     """The surface rises by 8°, so that the tool presses higher than it started."""
     faults = {
         "refused": [{"on": "robot", "fault": "refuses", "when": "depth_mm < -1", "with": {"function": 24}}],
@@ -111,7 +107,7 @@ def test_above_the_start_a_pressing_tool_is_retracted_too(
     }
 
     def break_down(run: Guarded, record: Any) -> None:
-        if way == "bug" and record.depth < -1e-3:
+        if ending == "bug" and record.depth < -1e-3:
             raise ZeroDivisionError("lost count")
 
     config = configured(
@@ -122,7 +118,7 @@ def test_above_the_start_a_pressing_tool_is_retracted_too(
                 "surface": {"kind": "sloped", "slope_deg": 8.0, "origin_y_mm": -100.0},
                 "start_position_mm": (900.0, -100.0, 591.0),
             },
-            "faults": faults.get(way, []),
+            "faults": faults.get(ending, []),
         },
     )
     run = guarded(config, break_down)
@@ -130,10 +126,10 @@ def test_above_the_start_a_pressing_tool_is_retracted_too(
     assert run.last == 0.0
 
 
-def test_an_interrupted_lift_takes_no_zero_and_tells_no_free_tool(
+def test_interrupted_lift_takes_no_zero(
     guarded: Run, configured: Configured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The tool stands in the surface, the sensor is unchecked, and an operator interrupts in the first steps."""
+    """The tool is in the surface, the sensor is unchecked, and an operator interrupts during the first steps."""
     config = configured(
         5e3, {"cell": {"start_position_mm": (900.0, -100.0, 589.9)}, "sensor": {"unchecked": True}}
     )
@@ -151,7 +147,7 @@ def test_an_interrupted_lift_takes_no_zero_and_tells_no_free_tool(
     assert run.result.left.startswith("NOT retracted: ")
 
 
-def test_a_status_without_an_orientation_is_told_as_what_it_is(
+def test_status_without_orientation_is_reported(
     guarded: Run, configured: Configured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def strike(run: Guarded, record: Any) -> None:
@@ -163,7 +159,7 @@ def test_a_status_without_an_orientation_is_told_as_what_it_is(
     assert run.last == 0.0
 
 
-def test_run_with_an_unknown_servo_tells_what_is_not_watched(
+def test_unknown_servo_reports_missing_check(
     guarded: Run, configured: Configured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = configured(5e3, {"run": {"duration_s": 0.5}})

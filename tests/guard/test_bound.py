@@ -1,4 +1,4 @@
-"""The bound of the true force: by arithmetic, and over robots, sensors and periods while nothing is wrong."""
+"""Bound of the true force: by arithmetic, and for robots, sensors and periods without faults."""
 
 import json
 import math
@@ -35,7 +35,7 @@ STREAM = RobotFacts(
 )
 
 
-def test_the_times_of_devices_add_up_whatever_the_cycle_is() -> None:
+def test_reaction_times_add_up_for_any_cycle() -> None:
     quick, slow = (reaction(STREAM, SENSOR, cycle_s) for cycle_s in (0.004, 0.02))
     assert quick.age_s == pytest.approx(0.0365)
     assert quick.order_s == pytest.approx(0.008)
@@ -43,28 +43,28 @@ def test_the_times_of_devices_add_up_whatever_the_cycle_is() -> None:
     assert slow.total_s - quick.total_s == pytest.approx(0.016)
 
 
-def test_a_robot_that_is_asked_has_its_order_within_the_cycle() -> None:
-    asked = RobotFacts(servo=STREAM.servo)
-    assert reaction(asked, SENSOR, 0.18).order_s == 0.18
+def test_polled_robot_has_order_within_cycle() -> None:
+    requested = RobotFacts(servo=STREAM.servo)
+    assert reaction(requested, SENSOR, 0.18).order_s == 0.18
 
 
-def test_a_sensor_without_period_is_as_old_as_a_usual_frame() -> None:
+def test_sensor_without_period_has_usual_age() -> None:
     polled = SensorFacts("", (1.0,) * 6, None, None, None, 0.0, "host")
     assert force_age(polled, wire_s=0.0) == 0.01
 
 
-def test_a_robot_without_known_servo_has_no_bound() -> None:
+def test_robot_with_unknown_servo_has_no_bound() -> None:
     assert robot_motion(RobotFacts()) == math.inf
     assert bound_n(50.0, 5e4, 0.011, math.inf) == math.inf
 
 
-def test_the_bound_is_the_limit_and_the_way_until_the_answer() -> None:
+def test_bound_is_limit_plus_reaction_distance() -> None:
     assert bound_n(50.0, 5e4, 0.01, 0.06) == pytest.approx(80.0)
     assert bound_n(50.0, 5e4, 0.01, 0.06, step_m=1e-4) == pytest.approx(85.0)
 
 
 @pytest.mark.parametrize("damping", [0.2, 0.5, 0.67, 0.9, 1.0, 1.5])
-def test_a_servo_goes_on_by_its_lag_once_its_set_point_stands(damping: float) -> None:
+def test_servo_travels_its_lag_after_set_point_stops(damping: float) -> None:
     """Compared with the loop in closed form: a ramp of 1 m/s that ends."""
     frequency = 50.0
     loop = PositionLoop(frequency, damping)
@@ -98,7 +98,7 @@ def hit(robot: str, sensor: str, period_ms: float, stiffness_n_m: float) -> dict
 @pytest.mark.parametrize(
     ("robot", "period_ms"), [(robot, period) for robot, periods in ROBOTS.items() for period in periods]
 )
-def test_the_true_force_stays_below_its_bound(robot: str, period_ms: float, stiffness_n_m: float) -> None:
+def test_true_force_stays_below_bound(robot: str, period_ms: float, stiffness_n_m: float) -> None:
     values = hit(robot, SENSORS[robot], period_ms, stiffness_n_m)
     recording = hil_bridge.simulate(values).recording
     starts = [cycle.started_at for cycle in recording.cycles]
@@ -108,8 +108,8 @@ def test_the_true_force_stays_below_its_bound(robot: str, period_ms: float, stif
 
 
 @pytest.mark.parametrize("ms", [30.0, 200.0])
-def test_a_slow_line_ends_the_run_before_it_touches(ms: float) -> None:
-    """Each byte comes so much later: a cycle takes 0.8 and 3.5 s."""
+def test_slow_line_ends_run_before_touch(ms: float) -> None:
+    """Each byte is delayed by this time: a cycle takes 0.8 or 3.5 s."""
     slow = {"on": "wire", "fault": "late", "phase": "connect", "for_s": 3600.0, "with": {"ms": ms}}
     recording = hil_bridge.simulate(hit("s3", "jr3", 0.0, 5e4), faults=[slow]).recording
     assert "the line to the robot is too slow" in recording.end["text"]
@@ -131,8 +131,8 @@ class Push:
 
     def step(self, state: None, measurement: Measurement, reference: float) -> tuple[None, Command]:
         """Deeper."""
-        way = 0.0109 * measurement.dt
-        return None, Command(measurement.commanded + way, way)
+        correction = 0.0109 * measurement.dt
+        return None, Command(measurement.commanded + correction, correction)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ class Push:
         ("rsi", "netft", 50),
     ],
 )
-def test_a_tool_that_is_pushed_deeper_stays_below(robot: str, sensor: str, period_ms: int) -> None:
+def test_pushed_tool_stays_below_bound(robot: str, sensor: str, period_ms: int) -> None:
     """On a surface ten times as hard as expected: the limit is passed at full speed."""
     values = hit(robot, sensor, period_ms, 5e4)
     values.pop("controller", None)
@@ -168,7 +168,7 @@ def figures() -> dict[str, Any]:
     return kept
 
 
-def test_no_force_of_the_table_exceeds_its_bound() -> None:
+def test_table_forces_stay_below_bound() -> None:
     for periods in figures()["bound"].values():
         for by_case in periods.values():
             for cells in by_case.values():
@@ -178,7 +178,7 @@ def test_no_force_of_the_table_exceeds_its_bound() -> None:
 @pytest.mark.parametrize(
     "job", [("s3", "jr3", 0, "50"), ("egm", "ft300", 4, "pushed"), ("rsi", "ati-can", 20, "5")]
 )
-def test_a_figure_of_that_table_is_measured_again(job: tuple[str, str, int, str]) -> None:
+def test_table_figure_is_reproduced(job: tuple[str, str, int, str]) -> None:
     robot, sensor, period_ms, case = job
     then = figures()["bound"][robot][str(period_ms)][case][sensor]
     assert tool()["measured"](job) == pytest.approx(then, rel=0.02)
@@ -187,17 +187,17 @@ def test_a_figure_of_that_table_is_measured_again(job: tuple[str, str, int, str]
 @pytest.mark.parametrize(
     ("robot", "late", "column"), [("s3", "forces", 4), ("egm", "forces, much", 8), ("rsi", "link", 0)]
 )
-def test_a_touch_of_the_other_table_is_measured_again(robot: str, late: str, column: int) -> None:
+def test_touch_table_figure_is_reproduced(robot: str, late: str, column: int) -> None:
     """The largest of the seeds of one cell, with its outcome."""
     program = tool()
     cells = [(k, v) for k in program["TOUCH_KN_M"] for v in program["TOUCH_MM_S"]]
-    runs = [program["touched"]((robot, late, *cells[column], seed)) for seed in program["TOUCH_SEEDS"]]
+    runs = [program["force_of_touch"]((robot, late, *cells[column], seed)) for seed in program["TOUCH_SEEDS"]]
     force, outcome = figures()["touch"][robot][late][column]
     assert max(runs) == (pytest.approx(force, rel=0.02), outcome)
 
 
 def cycles_of(*lengths_s: float, **more: Any) -> list[bool]:
-    """Whether the run must end at each begin of cycles that last so long."""
+    """Return whether the run must end, at each start of cycles of these durations."""
     watch, now = SlowCycles(read_config(more)), 5.0
     ends = [watch.cycle(now) is not None]
     for length_s in lengths_s:
@@ -206,15 +206,15 @@ def cycles_of(*lengths_s: float, **more: Any) -> list[bool]:
     return ends
 
 
-def test_some_slow_cycles_are_an_accident() -> None:
+def test_few_slow_cycles_are_tolerated() -> None:
     assert not any(cycles_of(0.2, 3.0, 3.0, 0.2, 3.0, 3.0))
 
 
-def test_three_slow_cycles_in_a_row_are_told_once() -> None:
+def test_three_slow_cycles_are_reported_once() -> None:
     assert cycles_of(0.6, 0.6, 0.6, 0.6) == [False, False, False, True, False]
 
 
-def test_a_slow_period_is_a_persons_choice() -> None:
+def test_slow_configured_period_is_allowed() -> None:
     assert not any(cycles_of(0.9, 0.9, 0.9, 0.9, run={"period_ms": 500.0}))
 
 

@@ -1,8 +1,8 @@
-"""140 runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
+"""140 runs, each with a fault, a controller, a stiffness and a shape drawn from its seed.
 
 Every draw must keep these promises. The true force stays within its bound, and no order goes deeper after a stop. The
-run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
-that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
+run ends in time and with a cause that fits the injected faults. Its recording is complete and replays identically, and
+no run that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ Floats = npt.NDArray[np.float64]
 SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "140"))
 BLOCK = 20
 WATCH_S, WATCH_FRAMES = 0.2, 20
-"""The truth is looked at every 10 ms, 20 times at once."""
+"""The truth is read every 10 ms, 20 samples at once."""
 HARD_N_M = 1e4
 """Stiffness from which a controller that was tuned for a sponge may hit."""
 PHASES = ("connect", "tare", "approach", "track", "retract")
@@ -62,11 +62,11 @@ PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
 """Settings that are not at their defaults."""
 
 BEFORE = ("connect", "tare")
-SEEN_BY_WEIGHT = {
+WEIGHT_FAULTS = {
     ("signal", "dead"), ("signal", "scale"), ("signal", "offset"), ("signal", "sign"), ("signal", "swapped"),
     ("sensor", "wrong-scales"),
 }  # fmt: skip
-"""Faults of the axis that the tool's weight lies on: found before anything moves."""
+"""Faults of the axis along the tool's weight, which are detected before the robot moves."""
 _TOUCH = {Part.SENSOR, Part.CONTACT, Part.SURFACE, Part.OBSTACLE}
 FITTING = {
     "robot": {Part.ROBOT, Part.ROBOT_LINK, Part.POSE},
@@ -96,7 +96,7 @@ class Drawn:
     stiffness: float
     config: Config
     times: list[Floats] = field(default_factory=list)
-    """Moments at which the truth was looked at, s."""
+    """Times of the samples of the truth, s."""
     forces: list[Floats] = field(default_factory=list)
     """True contact forces at these, N."""
     positions: list[Floats] = field(default_factory=list)
@@ -105,7 +105,7 @@ class Drawn:
     """Time, s, and the height that the robot was last ordered to, m."""
     cell: PaperCell | None = None
     began: float = 0.0
-    said: str = ""
+    printed: str = ""
     cause: Cause | None = None
     """Why it was refused or stopped."""
 
@@ -116,7 +116,7 @@ class Drawn:
         target, fault = kinds[seed % len(kinds)]
         phase = draw.choice(PHASES)
         if fault == "wrong-scales":
-            phase = "connect"  # a sensor is asked for them once
+            phase = "connect"  # a sensor reports them only once
         stiffness = 10 ** draw.uniform(math.log10(500.0), math.log10(80e3))
         parameters = dict(PARAMETERS.get((target, fault), {}))
         where = {"for_s": parameters.pop("for_s")} if "for_s" in parameters else {}
@@ -155,7 +155,7 @@ class Drawn:
 
     @property
     def trace(self) -> Trace:
-        """The truth over the whole run."""
+        """The truth over the entire run."""
         return Trace(*map(np.concatenate, (self.times, self.forces, self.positions)))
 
     @property
@@ -165,8 +165,8 @@ class Drawn:
 
     def __call__(self, path: Path) -> tuple[int, Recording | None]:
         """Run it, and watch it; exit code, and what was recorded of cycles."""
-        for looks in (self.times, self.forces, self.positions):
-            looks.clear()
+        for series in (self.times, self.forces, self.positions):
+            series.clear()
 
         def powered(*arguments: Any) -> PaperCell:
             self.cell = make_cell(*arguments)
@@ -178,7 +178,7 @@ class Drawn:
             clock = log.clock
             self.began = clock.now()
 
-            def look() -> None:
+            def sample_truth() -> None:
                 now = clock.now()
                 times = now - WATCH_S + np.arange(1.0, WATCH_FRAMES + 1.0) * (WATCH_S / WATCH_FRAMES)
                 forces = np.linalg.norm(cell.contact_forces(times), axis=1)
@@ -186,9 +186,9 @@ class Drawn:
                 self.forces.append(forces)
                 self.positions.append(cell.robot.path.trajectory(times)[0])
                 self.goals.append((now, cell.robot.motion.goal(now)[0][2]))
-                clock.call_at(now + WATCH_S, look)
+                clock.call_at(now + WATCH_S, sample_truth)
 
-            look()
+            sample_truth()
             async with running(setup, log, cell, **more) as run:
                 yield run
 
@@ -204,7 +204,7 @@ class Drawn:
             except BridgeError as error:
                 code, self.cause = error.exit_code, error.cause
                 errors.write(str(error))
-        self.said = output.getvalue() + errors.getvalue()
+        self.printed = output.getvalue() + errors.getvalue()
         try:
             recording = read(path)
         except BridgeError:
@@ -215,25 +215,25 @@ class Drawn:
 
 
 def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str]:
-    """Every promise that a run did not keep, in words."""
-    if "Traceback" in drawn.said:
-        yield f"a bug: {drawn.said}"
+    """Describe every broken promise of a run."""
+    if "Traceback" in drawn.printed:
+        yield f"a bug: {drawn.printed}"
     trace = drawn.trace
     if code == 0 and trace.forces[-1] > 1.0:
         yield f"completed while pressing with {trace.forces[-1]:.1f} N"
     assert drawn.cell is not None
     struck = any(injection.struck for injection in drawn.cell.faults)
-    moved = recording is not None and bool(recording.cycles)
-    if drawn.kind in SEEN_BY_WEIGHT and drawn.phase == "connect" and struck and moved:
+    has_moved = recording is not None and bool(recording.cycles)
+    if drawn.kind in WEIGHT_FAULTS and drawn.phase == "connect" and struck and has_moved:
         yield "moved although the weight was wrong"
     if code == 3:
         assert drawn.cause is not None
         if not struck and not drawn.hits:
-            yield f"stopped without a fault that struck: {drawn.said}"
+            yield f"stopped without a fault that struck: {drawn.printed}"
         elif ROWS[drawn.cause].part not in FITTING[drawn.target] and not drawn.hits:
-            yield f"{drawn.cause} does not fit: {drawn.said}"
+            yield f"{drawn.cause} does not fit: {drawn.printed}"
     if code not in (0, 3):
-        yield f"ended with {code}: {drawn.said}"
+        yield f"ended with {code}: {drawn.printed}"
     if recording is None:
         return
     evidence = Evidence(recording, drawn.config, trace, code)
@@ -255,7 +255,7 @@ def exercised() -> dict[str, Counter[tuple[str, str]]]:
 
 @pytest.mark.parametrize("block", range(math.ceil(SEEDS / BLOCK)))
 @pytest.mark.timeout(600)
-def test_the_guard_keeps_its_promises(
+def test_campaign_runs_meet_guard_guarantees(
     block: int, tmp_path: Path, exercised: dict[str, Counter[tuple[str, str]]]
 ) -> None:
     troubles = []
@@ -273,7 +273,7 @@ def test_the_guard_keeps_its_promises(
     assert troubles == []
 
 
-def test_every_fault_was_exercised(exercised: dict[str, Counter[tuple[str, str]]]) -> None:
+def test_campaign_exercises_every_fault(exercised: dict[str, Counter[tuple[str, str]]]) -> None:
     """Runs after all blocks."""
     kinds = [(target, name) for target, faults in CELL_FAULTS.items() for name in faults]
     print()
@@ -282,7 +282,7 @@ def test_every_fault_was_exercised(exercised: dict[str, Counter[tuple[str, str]]
     assert [kind for kind in kinds if not exercised["struck"][kind]] == []
 
 
-def test_movement_does_not_end_at_an_order_that_was_never_taken(tmp_path: Path) -> None:
+def test_movement_does_not_end_at_unaccepted_order(tmp_path: Path) -> None:
     """The first order of the approach is lost on the wire, so that no cycle has been done when the run stops."""
     drawn = Drawn.of(228)
     code, recording = drawn(tmp_path / "run.mcap")

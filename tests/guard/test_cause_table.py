@@ -1,4 +1,4 @@
-"""The table of causes: each has one row whose settings exist, whose part and remedy are told, and that is reached."""
+"""Table of causes: each cause has one row with existing settings, a part and a remedy, and is reached."""
 
 import ast
 import dataclasses
@@ -11,7 +11,7 @@ import pytest
 from hil_bridge import api
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError, Cause, ConfigError, GateStop, OrderRefused, Part, Reason
-from hil_bridge.errors.cause_row import LOOK, PART_WORDS, Reaction, When
+from hil_bridge.errors.cause_row import LOOK, PART_DESCRIPTIONS, Reaction, When
 from hil_bridge.errors.cause_table import AROUND, BEFORE, CLAMPS, ROWS, STOPS, TABLE
 from hil_bridge.record import Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.why import why
@@ -35,36 +35,36 @@ def test_every_row_names_part_remedy_and_settings_that_exist(cause: Cause) -> No
     row = ROWS[cause]
     assert row.condition
     assert row.part in Part
-    for words in (row.blames, row.look):
-        said = words.format(robot=" (egm)", sensor=" (netft)", recording="a.mcap")
-        assert said.strip(".; ") == said
-        assert "{" not in said
+    for template in (row.blames, row.look):
+        text = template.format(robot=" (egm)", sensor=" (netft)", recording="a.mcap")
+        assert text.strip(".; ") == text
+        assert "{" not in text
     for key in row.settings:
-        found: object = CONFIG
+        result: object = CONFIG
         for name in key.split("."):
-            assert hasattr(found, name), f"{cause}: {key}"
-            found = getattr(found, name)
+            assert hasattr(result, name), f"{cause}: {key}"
+            result = getattr(result, name)
 
 
-def test_settings_of_a_device_are_named_by_its_room() -> None:
+def test_device_settings_are_named_by_section() -> None:
     assert {key for row in TABLE for key in row.settings if key.count(".") > 1} == set()
     for robot in map(ROBOTS.kind, ROBOTS.own):
         for name in itertools.chain(*robot.ruling.values()):
             assert operator.attrgetter(name)(robot.settings()) is not None, f"{robot.name}: {name}"
 
 
-def test_every_part_has_words() -> None:
-    assert set(PART_WORDS) == set(LOOK) == set(Part)
+def test_every_part_has_a_description() -> None:
+    assert set(PART_DESCRIPTIONS) == set(LOOK) == set(Part)
     assert {row.part for row in TABLE} == set(Part)
 
 
-def test_every_limit_stands_in_the_table() -> None:
-    told = {key for row in TABLE for key in row.settings}
-    assert {f"limits.{field.name}" for field in dataclasses.fields(CONFIG.limits)} <= told
-    assert set(LOOSE) <= told
+def test_every_limit_is_in_the_table() -> None:
+    reported = {key for row in TABLE for key in row.settings}
+    assert {f"limits.{field.name}" for field in dataclasses.fields(CONFIG.limits)} <= reported
+    assert set(LOOSE) <= reported
 
 
-def test_reactions_and_exit_codes_fit_together() -> None:
+def test_reactions_match_exit_codes() -> None:
     for row in TABLE:
         assert (row.reaction is Reaction.CLAMPED) == (row.exit_code is None), row.cause
         assert (row.reaction is Reaction.REFUSED) == (row.when is When.BEFORE_MOTION), row.cause
@@ -74,7 +74,7 @@ def test_reactions_and_exit_codes_fit_together() -> None:
     assert {row.reaction for row in CLAMPS} == {Reaction.CLAMPED}
 
 
-def test_the_table_on_a_terminal_names_every_row() -> None:
+def test_terminal_table_contains_every_row() -> None:
     lines = list(as_text())
     assert max(map(len, lines)) <= 110
     for row in TABLE:
@@ -82,12 +82,12 @@ def test_the_table_on_a_terminal_names_every_row() -> None:
 
 
 @pytest.mark.parametrize("error", [ConfigError, GateStop, OrderRefused])
-def test_an_error_ends_the_command_with_the_code_of_its_row(error: type[BridgeError]) -> None:
+def test_command_exit_code_is_that_of_its_row(error: type[BridgeError]) -> None:
     assert error.cause is not None
     assert error("it is wrong").exit_code == ROWS[error.cause].exit_code
 
 
-def test_an_error_carries_part_and_remedy_and_prints_one_line() -> None:
+def test_error_has_part_and_remedy_in_one_line() -> None:
     error = BridgeError("the sensor is silent", remedy="look at its cable", cause=Cause.STREAM)
     assert (error.part, error.remedy, error.fact) == (
         Part.SENSOR,
@@ -108,7 +108,7 @@ def recording() -> Recording:
 
 
 @EVERY
-def test_why_names_the_part_and_where_to_look(recording: Recording, cause: Cause) -> None:
+def test_why_names_part_and_what_to_check(recording: Recording, cause: Cause) -> None:
     row = ROWS[cause]
     outcome = {None: Outcome.STOPPED, 0: Outcome.COMPLETED, 130: Outcome.INTERRUPTED}.get(
         row.exit_code, Outcome.STOPPED
@@ -123,12 +123,12 @@ def test_why_names_the_part_and_where_to_look(recording: Recording, cause: Cause
         )
         return
     kinds = {"robot": " (s3)", "sensor": " (jr3)", "recording": "a.mcap"}
-    assert f"What ended it was {row.blames.format(**kinds)}: this was it." in text
-    assert f"The message continues: do that. Look at: {row.look.format(**kinds)}." in text
+    assert f"The cause was {row.blames.format(**kinds)}: this was it." in text
+    assert f"The message continues: do that. Check: {row.look.format(**kinds)}." in text
 
 
 @EVERY
-def test_the_exit_code_of_a_run_is_that_of_its_row(cause: Cause) -> None:
+def test_run_exit_code_is_that_of_its_row(cause: Cause) -> None:
     row = ROWS[cause]
     if row.exit_code is not None:
         assert RunResult(Outcome.STOPPED, Reason(cause)).exit_code == row.exit_code
@@ -150,7 +150,7 @@ def causes_in(*folders: str) -> set[str]:
     return names
 
 
-NAMED_IN_ERRORS = {"CONFIGURATION", "REFUSED_ORDER", "GATE", "BUG", "OTHERS_CODE", "ROBOT_FAILED", "CUT_WIRE"}
+NAMED_IN_ERRORS = {"CONFIGURATION", "REFUSED_ORDER", "GATE", "BUG", "PLUGIN_CODE", "ROBOT_FAILED", "CUT_WIRE"}
 """Causes that the errors themselves bring."""
 
 

@@ -1,4 +1,4 @@
-"""Causes that other tests know by their words alone: each is reached here, as a value."""
+"""Causes that other tests check only by their text: each is reached here, as a value."""
 
 import asyncio
 import dataclasses
@@ -31,7 +31,7 @@ from hil_bridge.errors.failures import CodeFailed, code_failed, explain_exceptio
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.runs.ending import Ending, result_after
 from hil_bridge.runs.result import RunResult
-from hil_bridge.runs.retreat import not_away
+from hil_bridge.runs.retreat import not_retracted_reason
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import read_config
@@ -45,46 +45,48 @@ SUPERVISOR = Supervisor(Limits(workspace_min_m=(-1.0, -1.0, -1.0), workspace_max
 QUIET = observation(5.0, 0.0, sequence=1, pressing=True, position=ORIGIN)
 
 
-def asked(mm: float) -> Request:
+def request_of(mm: float) -> Request:
     return Request(mm * 1e-3, (0.0, 0.0, -mm * 1e-3), DOWN)
 
 
-def judged(request: Request, **seen: Any) -> Any:
-    return SUPERVISOR.step(SUPERVISOR.initial(ORIGIN), observed(QUIET, **seen), request)[1]
+def judged(request: Request, **facts: Any) -> Any:
+    return SUPERVISOR.step(SUPERVISOR.initial(ORIGIN), observed(QUIET, **facts), request)[1]
 
 
-def test_an_order_that_is_no_number_is_the_commands() -> None:
-    verdict = judged(asked(math.nan))
+def test_nan_order_is_a_command_cause() -> None:
+    verdict = judged(request_of(math.nan))
     assert isinstance(verdict, Stop)
     assert verdict.reason.cause is Cause.COMMAND_NOT_A_NUMBER
 
 
-def test_a_late_frame_holds_the_way_deeper() -> None:
-    verdict = judged(asked(0.1), overdue=0.02)
+def test_late_frame_holds_inward_motion() -> None:
+    verdict = judged(request_of(0.1), overdue=0.02)
     assert isinstance(verdict, Clamp)
     assert verdict.is_for(Cause.OVERDUE)
     assert verdict.goes_on
 
 
-def test_a_turn_that_is_too_fast_is_held_back() -> None:
+def test_too_fast_turn_is_clamped() -> None:
     turned = (math.cos(0.4), 0.0, 0.0, math.sin(0.4))
     state = SUPERVISOR.initial(ORIGIN)
-    request = replace(asked(0.0), quaternion=turned)
+    request = replace(request_of(0.0), quaternion=turned)
     verdict = SUPERVISOR.step(state, observed(QUIET, quaternion=(1.0, 0.0, 0.0, 0.0)), request)[1]
     assert isinstance(verdict, Clamp)
     assert verdict.is_for(Cause.TURN)
 
 
-def test_a_retraction_without_a_force_goes_slowly_and_then_no_farther() -> None:
+def test_retraction_without_force_slows_and_stops() -> None:
     state = SUPERVISOR.initial((0.0, 0.0, -5e-3), 5e-3)
     for depth, goes_on in ((5e-3, True), (0.0, False)):
         state = replace(state, depth=depth, position=(0.0, 0.0, -depth))
-        verdict = SUPERVISOR.retreat(state, observed(QUIET, force=math.nan, pressing=False), asked(-9.0))[1]
+        verdict = SUPERVISOR.retreat(
+            state, observed(QUIET, force=math.nan, pressing=False), request_of(-9.0)
+        )[1]
         assert isinstance(verdict, Clamp)
         assert (verdict.is_for(Cause.NO_FORCE), verdict.goes_on) == (True, goes_on)
 
 
-def test_a_retraction_that_is_held_tells_by_which() -> None:
+def test_held_retraction_names_its_cause() -> None:
     border, blind = (Clamp(0.0, ORIGIN, (hold,)) for hold in (LEAVES, SLOWLY))
     assert explain_halt(border, QUIET).cause is Cause.RETRACT_BORDER
     assert explain_halt(blind, QUIET).cause is Cause.RETRACT_BLIND
@@ -92,7 +94,7 @@ def test_a_retraction_that_is_held_tells_by_which() -> None:
     assert explain_halt(blind, failed) == Reason(Cause.SENSOR_FAILED, "it failed")
 
 
-def test_a_touch_tells_whether_it_was_not_answered_or_not_tested() -> None:
+def test_failed_touch_names_its_cause() -> None:
     test = TouchTest(1.0, 1000.0, 0.0)
     came = Touch(Doubt.AXIS, arrived=1.0, began=(5.0, 0.0))
     deeper = Measurement(0.0, 5.0, 5e-3, 5e-3, dt=0.01)
@@ -105,7 +107,7 @@ def reason_cause(reason: Reason | None) -> Cause | None:
     return None if reason is None else reason.cause
 
 
-def test_refusals_of_a_configuration_name_their_row() -> None:
+def test_config_refusal_names_its_row() -> None:
     with pytest.raises(ConfigError) as outside:
         SUPERVISOR.initial((5.0, 0.0, 0.0))
     with pytest.raises(ConfigError) as unknown:
@@ -116,7 +118,7 @@ def test_refusals_of_a_configuration_name_their_row() -> None:
     assert causes == [Cause.START, Cause.UNKNOWN_TOOL, Cause.CONFIGURATION]
 
 
-def test_what_ends_a_device_names_its_row() -> None:
+def test_device_failure_names_its_row() -> None:
     broken = TransportBroken("tcp://robot: broke")
     assert link_cause(broken) is Cause.CUT_WIRE
     assert code_failed("robot link", broken, link_cause(broken)).cause is Cause.CUT_WIRE
@@ -125,14 +127,14 @@ def test_what_ends_a_device_names_its_row() -> None:
     assert failed.cause is Cause.ROBOT_FAILED
 
 
-def test_what_nothing_expected_names_whose_code_it_was() -> None:
+def test_unexpected_error_names_plugin() -> None:
     assert explain_exception(ValueError("no")).cause is Cause.BUG
     theirs = ValueError("no")
     theirs.blamed = (read_config, "none")  # type: ignore[attr-defined]
-    assert explain_exception(theirs).cause is Cause.OTHERS_CODE
+    assert explain_exception(theirs).cause is Cause.PLUGIN_CODE
 
 
-def test_the_ends_around_a_movement_name_their_row() -> None:
+def test_ends_around_movement_name_their_row() -> None:
     with pytest.raises(DeviceError) as cancelled:
         Ending().result_before(asyncio.CancelledError(), None)
     assert cancelled.value.cause is Cause.CANCELLED
@@ -141,18 +143,18 @@ def test_the_ends_around_a_movement_name_their_row() -> None:
     assert by_key.result_before(asyncio.CancelledError(), None).cause is Cause.KEY
     written = result_after(RunResult(api.Outcome.COMPLETED), BridgeError("the disk is full"))
     assert (written.cause, written.exit_code) == (Cause.OUTPUT, 3)
-    assert not_away(5e-3, "1.0 N").cause is Cause.NOT_AWAY
-    assert not_away(math.nan, "1.0 N").cause is Cause.PLACE_UNKNOWN
+    assert not_retracted_reason(5e-3, "1.0 N").cause is Cause.NOT_AWAY
+    assert not_retracted_reason(math.nan, "1.0 N").cause is Cause.PLACE_UNKNOWN
 
 
-def test_an_orientation_that_is_none_is_no_state_of_the_robot() -> None:
+def test_invalid_orientation_is_refused() -> None:
     none, well = (Pose(ORIGIN, quaternion) for quaternion in ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
     for pose, cause in ((none, Cause.ORIENTATION), (well, Cause.ROBOT_STATE)):
         assert reason_cause(fault_reason(RobotReport(1, pose, 0.0, 0.0, "it cannot move"))) is cause
     assert fault_reason(RobotReport(1, well, 0.0, 0.0)) is None
 
 
-def test_a_robot_that_was_moved_before_its_movement_is_refused() -> None:
+def test_robot_moved_before_start_is_refused() -> None:
     async def main() -> OrderRefused:
         async with api.open_devices(EGM) as devices:
             (x, y, z), quaternion = (await devices.robot.ready()).pose
@@ -166,7 +168,7 @@ def test_a_robot_that_was_moved_before_its_movement_is_refused() -> None:
     assert (error.cause, error.part) == (Cause.MOVED_BEFORE, Part.POSE)
 
 
-def test_a_sensor_that_is_ready_and_sends_nothing_is_refused() -> None:
+def test_silent_ready_sensor_is_refused() -> None:
     async def at_once() -> None:
         """Ready."""
 
@@ -177,14 +179,14 @@ def test_a_sensor_that_is_ready_and_sends_nothing_is_refused() -> None:
     sensor: Any = SimpleNamespace(name="can0", ready=at_once, frame=never)
 
     async def main() -> None:
-        with pytest.raises(DeviceError, match="look at its stream with hil-bridge probe sensor") as silent:
+        with pytest.raises(DeviceError, match="check its stream with hil-bridge probe sensor") as silent:
             await bring_up(robot, sensor)
         assert silent.value.cause is Cause.STREAM
 
     api.run_virtual(main)
 
 
-def test_a_recording_that_was_cut_says_so() -> None:
+def test_cut_recording_is_reported() -> None:
     recording = api.simulate({"run": {"duration_s": 0.2}}).recording
     assert end_of(dataclasses.replace(recording, end={})).cause is Cause.CUT
 
@@ -241,12 +243,12 @@ def ended(
 
 
 @pytest.mark.parametrize("cause", RUNS)
-def test_a_run_ends_for_its_cause(cause: Cause) -> None:
+def test_run_ends_for_its_cause(cause: Cause) -> None:
     result = ended(*RUNS[cause])
     assert result.cause is cause, str(getattr(result, "text", result))
 
 
-def test_a_program_of_a_user_that_interrupts_is_no_signal() -> None:
+def test_interrupt_by_program_is_not_a_signal() -> None:
     async def interrupt(running: api.Simulation) -> None:
         await running.reached("track")
         running.interrupt()

@@ -1,4 +1,4 @@
-"""Files that other code closes under a run: each is noticed and told, and the tool is not left without a word."""
+"""Files that other code closes during a run: each is noticed and reported, and the tool's state too."""
 
 import asyncio
 import json
@@ -59,7 +59,7 @@ async def udp(clock: Clock) -> tuple[Any, Any, int]:
 
 
 @pytest.mark.parametrize("open_wire", [tcp, terminal, udp])
-def test_a_wire_whose_file_is_closed_ends_with_words(open_wire: Callable[[Clock], Any]) -> None:
+def test_closed_wire_file_ends_with_message(open_wire: Callable[[Clock], Any]) -> None:
     async def main() -> TransportError:
         clock = Clock.running()
         served, wire, fd = await open_wire(clock)
@@ -81,7 +81,7 @@ def test_a_wire_whose_file_is_closed_ends_with_words(open_wire: Callable[[Clock]
 
 
 @pytest.mark.parametrize("kind", ["anon_inode:[timerfd]", "anon_inode:[eventpoll]"])
-def test_a_loop_goes_on_whose_own_file_is_closed(kind: str) -> None:
+def test_loop_continues_with_closed_own_file(kind: str) -> None:
     before = files()
 
     async def main() -> float:
@@ -99,7 +99,7 @@ def test_a_loop_goes_on_whose_own_file_is_closed(kind: str) -> None:
     assert 0.1 <= run_real(main) < NOTICED_S
 
 
-def test_a_selector_reports_a_closed_file_as_ready() -> None:
+def test_selector_reports_closed_file_as_ready() -> None:
     for selector in (WatchfulSelector(), BusyPolling(1e-4)):
         there, here = os.pipe()
         key = selector.register(there, 1)
@@ -118,7 +118,7 @@ def test_a_selector_reports_a_closed_file_as_ready() -> None:
 CLOSES = """
 import os
 import hil_bridge.runs.cycle as run
-told = run.cycle_record
+record_cycle = run.cycle_record
 def closing(report, sample, decision, *more, **known):
     if decision.intent.phase == 'track' and sample.force > 8.0:
         for name in os.listdir('/proc/self/fd'):
@@ -127,7 +127,7 @@ def closing(report, sample, decision, *more, **known):
                     os.close(int(name))
             except OSError:
                 pass
-    return told(report, sample, decision, *more, **known)
+    return record_cycle(report, sample, decision, *more, **known)
 run.cycle_record = closing
 from hil_bridge.cli import main
 main()
@@ -157,7 +157,7 @@ CASES = {
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", CASES)
-def test_a_run_whose_files_are_closed_ends_with_words(tmp_path: Path, name: str) -> None:
+def test_run_with_closed_files_ends_with_message(tmp_path: Path, name: str) -> None:
     which, code, last, cause = CASES[name]
     (tmp_path / "c.toml").write_text(CONFIG)
     serving = [sys.executable, "-m", "hil_bridge", "emulate", "cell", "c.toml", "--json"]

@@ -1,4 +1,4 @@
-"""The list of what nothing has exercised: made from evidence, with reasoned exceptions, and a gate."""
+"""List of unexercised items: made from evidence, with reasoned exceptions, and a gate."""
 
 import json
 import subprocess
@@ -24,7 +24,7 @@ from tools.exercised import (
     REACTIONS,
     TARGETS,
     Balance,
-    Kept,
+    Evidence,
     balance,
     of_campaign,
     of_tests,
@@ -57,11 +57,13 @@ start_position_mm = [900.0, -100.0, 591.0]
 
 def everything(without: Sequence[str] = ()) -> Balance:
     names = exercised.all_names()
-    kept = (Kept(group, name, "a test") for group, of in names.items() for name in of if name not in without)
+    kept = (
+        Evidence(group, name, "a test") for group, of in names.items() for name in of if name not in without
+    )
     return balance(kept)
 
 
-def test_what_nothing_has_struck_is_listed() -> None:
+def test_unexercised_items_are_listed() -> None:
     assert list(everything().troubles({})) == []
     left = everything(["wall", "egm: robot: emergency-stop"])
     assert list(left.troubles({})) == [
@@ -76,37 +78,37 @@ def test_what_nothing_has_struck_is_listed() -> None:
     assert "  never: wall – no wall is emulated" in lines
 
 
-def test_an_exception_that_has_been_exercised_is_an_error() -> None:
+def test_exercised_exception_is_an_error() -> None:
     assert list(everything().troubles({"wall": "no wall is emulated"})) == [
         "an exception that has been exercised: wall"
     ]
     assert list(everything().troubles({"wal": "misspelt"})) == ["an exception that there is not: wal"]
 
 
-def test_every_exception_has_a_reason_and_is_something_that_there_is() -> None:
+def test_exceptions_exist_and_have_a_reason() -> None:
     names = {name for of in exercised.all_names().values() for name in of}
     for name, reason in exercised.EXCEPTIONS.items():
         assert name in names
         assert len(reason.split()) > 3
 
 
-def test_a_run_that_the_model_does_not_accept_is_an_error() -> None:
-    found = Balance(everything().all_names, everything().exercised, ("tests/a.py::test_b: cycle 3",))
-    assert list(found.troubles({})) == ["the model of the guard does not accept tests/a.py::test_b: cycle 3"]
+def test_run_rejected_by_model_is_an_error() -> None:
+    result = Balance(everything().all_names, everything().exercised, ("tests/a.py::test_b: cycle 3",))
+    assert list(result.troubles({})) == ["the model of the guard does not accept tests/a.py::test_b: cycle 3"]
 
 
-def test_a_reaction_is_exercised_by_its_conditions() -> None:
-    found = balance([Kept(CONDITIONS, "force", "a test")])
-    assert found.exercised[REACTIONS] == {"retracts and ends": "force: a test"}
-    assert set(found.never(REACTIONS)) == set(found.all_names[REACTIONS]) - {"retracts and ends"}
+def test_reaction_is_exercised_by_its_conditions() -> None:
+    result = balance([Evidence(CONDITIONS, "force", "a test")])
+    assert result.exercised[REACTIONS] == {"retracts and ends": "force: a test"}
+    assert set(result.never(REACTIONS)) == set(result.all_names[REACTIONS]) - {"retracts and ends"}
 
 
-def test_the_plugin_writes_what_a_test_strikes(tmp_path: Path) -> None:
+def test_pytest_plugin_writes_exercised_items(tmp_path: Path) -> None:
     """In two processes, as the check does."""
     test = "tests/guard/test_causes_reached.py"
     chosen = [
-        f"{test}::test_a_run_ends_for_its_cause[sensor-failed]",
-        f"{test}::test_a_late_frame_holds_the_way_deeper",
+        f"{test}::test_run_ends_for_its_cause[sensor-failed]",
+        f"{test}::test_late_frame_holds_inward_motion",
     ]
     path = tmp_path / "exercised.json"
     command = [
@@ -125,10 +127,10 @@ def test_the_plugin_writes_what_a_test_strikes(tmp_path: Path) -> None:
         [*command, "--exercised", path, *chosen], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
-    told = json.loads(path.read_text())
-    assert told["causes"] == {"overdue": chosen[1], "sensor-failed": chosen[0]}
-    assert told["faults"] == {"jr3: sensor-wire: off": chosen[0]}
-    assert told["promises"] == told["criteria"] == told["unaccepted"] == {}
+    data = json.loads(path.read_text())
+    assert data["causes"] == {"overdue": chosen[1], "sensor-failed": chosen[0]}
+    assert data["faults"] == {"jr3: sensor-wire: off": chosen[0]}
+    assert data["promises"] == data["criteria"] == data["unaccepted"] == {}
     assert {(one.group, one.name) for one in of_tests(path)} == {
         (CONDITIONS, "overdue"),
         (CONDITIONS, "sensor-failed"),
@@ -136,23 +138,23 @@ def test_the_plugin_writes_what_a_test_strikes(tmp_path: Path) -> None:
     }
 
 
-def test_a_campaign_tells_what_its_runs_struck(tmp_path: Path) -> None:
+def test_campaign_reports_exercised_items(tmp_path: Path) -> None:
     (tmp_path / "stop.toml").write_text(PLAN)
     plan, path = read_plan(tmp_path / "stop.toml"), tmp_path / "stop.sqlite"
     with Store.begin(path, plan) as store:
         store.put([carry_out(job, plan.criteria, None) for job in missing(plan, store)], plan.cases)
-    found = {(one.group, one.name): one.where for one in of_campaign(path)}
-    assert found[FAULTS, "s3: robot: emergency-stop"] == "seed 1 of stop.sqlite"
-    assert (CONDITIONS, "robot-state") in found or (CONDITIONS, "refused-order") in found
+    result = {(one.group, one.name): one.where for one in of_campaign(path)}
+    assert result[FAULTS, "s3: robot: emergency-stop"] == "seed 1 of stop.sqlite"
+    assert (CONDITIONS, "robot-state") in result or (CONDITIONS, "refused-order") in result
 
 
-def test_a_fault_that_is_left_gets_a_run() -> None:
+def test_unexercised_fault_gets_a_run() -> None:
     name, phase, broken = exercised.strike(Job("egm", "robot", "emergency-stop"))
     assert (name, phase, json.loads(broken)) == ("egm: robot: emergency-stop", "track", "")
 
 
 @pytest.mark.parametrize("text", [None, "{", "[]"])
-def test_evidence_that_is_none_is_one_line(text: str | None, tmp_path: Path) -> None:
+def test_invalid_evidence_is_one_line_error(text: str | None, tmp_path: Path) -> None:
     path = tmp_path / "exercised.json"
     if text is not None:
         path.write_text(text)
@@ -162,7 +164,7 @@ def test_evidence_that_is_none_is_one_line(text: str | None, tmp_path: Path) -> 
     assert "\n" not in str(refused.value)
 
 
-def test_all_that_could_be_exercised_is_counted() -> None:
+def test_all_exercisable_items_are_counted() -> None:
     names = exercised.all_names()
     assert tuple(names) == GROUPS
     assert len(names[FAULTS]) == len(set(names[FAULTS])) > 250
@@ -170,7 +172,7 @@ def test_all_that_could_be_exercised_is_counted() -> None:
     assert names[GROUPS[4]] == ["outcome", "promises_broken", "retracted"]
 
 
-def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
+def test_each_campaign_criterion_can_fail() -> None:
     criteria = read_plan(exercised.PLAN, (1,)).criteria
     well: dict[str, Figure] = {"outcome": "completed", "promises_broken": 0, "retracted": True}
     assert find_unmet(criteria, well) == []
@@ -179,7 +181,7 @@ def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
         assert text.startswith(figure)
 
 
-def test_the_campaign_leaves_no_cell_of_its_matrix_empty() -> None:
+def test_campaign_matrix_has_no_empty_cell() -> None:
     """Faults by phase, each target with each robot and sensor; what is left has a reason."""
     drawn = balance(exercised.of_plan(exercised.PLAN))
     left = [name for group in (PHASED, TARGETS) for name in drawn.never(group)]
@@ -189,7 +191,7 @@ def test_the_campaign_leaves_no_cell_of_its_matrix_empty() -> None:
     assert {one.name for one in exercised.of_plan(exercised.PLAN)} <= matrix
 
 
-def test_a_phase_that_no_draw_reaches_is_listed(tmp_path: Path) -> None:
+def test_unreached_phase_is_listed(tmp_path: Path) -> None:
     text = exercised.PLAN.read_text(encoding="utf-8").replace(', "seek", "zero"]', ', "zero"]')
     others = ('label = "s3"', 'label = "rsi"', 'label = "rtde"', "boot_s", "board", 'label = "ati-can"')
     path = tmp_path / "guard.toml"

@@ -12,7 +12,7 @@ from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.errors.cause_row import Reaction
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.site.guard.asking import Asked, Situation
+from hil_bridge.site.guard.asking import LoopQuery, Situation
 from hil_bridge.site.guard.explaining import explain
 
 pytestmark = pytest.mark.sweep
@@ -72,7 +72,7 @@ STOPPING = [
         ("limits.resultant_limit_n", "limits.unanswered_mm"),
     ),
 ]
-"""One for each row of the supervisor's stops, and the settings that must be found to rule it."""
+"""A case for each row of the supervisor's stops, with the settings that must be listed for it."""
 
 
 OF_S3 = {Cause.ROBOT_STATE: ("robot.s3.link.check_flags",)}
@@ -83,18 +83,18 @@ OF_S3 = {Cause.ROBOT_STATE: ("robot.s3.link.check_flags",)}
     STOPPING,
     ids=[f"{cause}-{k}" for k, (cause, *_) in enumerate(STOPPING)],
 )
-def test_each_condition_stops_for_its_cause(
+def test_explained_condition_stops_for_its_cause(
     cause: Cause, situation: Situation, settings: tuple[str, ...]
 ) -> None:
-    found = explain(CONFIG, situation)
-    assert (found.verdict, found.cause) == ("stop", cause)
-    (row,) = found.rows
+    report = explain(CONFIG, situation)
+    assert (report.verdict, report.cause) == ("stop", cause)
+    (row,) = report.rows
     assert row is ROWS[cause]
     assert set(settings) <= set(row.settings)
-    ruled = {setting.partition(" = ")[0] for setting in found.settings}
+    ruled = {setting.partition(" = ")[0] for setting in report.settings}
     assert ruled == set(settings or (*row.settings, *OF_S3.get(cause, ())))
-    stands = "stands still" in found.then
-    assert stands == (row.reaction is Reaction.STANDS)
+    is_stationary = "stops" in report.then
+    assert is_stationary == (row.reaction is Reaction.STANDS)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_each_condition_stops_for_its_cause(
         {"force_n": -1.1, "pulled_ms": 100.0, "unchanged_ms": 200.0},
     ],
 )
-def test_less_than_that_in_free_space_is_allowed(change: dict[str, Any]) -> None:
+def test_small_pull_in_free_space_is_allowed(change: dict[str, Any]) -> None:
     """In contact a pull is one, and a surface may move the tool."""
     calm = Situation(APPROACH, force_n=-1.1, pulled_ms=0.0, unchanged_ms=201.0, unchanged_mm=0.0)
     assert explain(CONFIG, dataclasses.replace(calm, **change)).verdict == "allow"
@@ -115,11 +115,11 @@ FEELING = read_config({"robot": {"emulated": "rtde"}, "sensor": {"emulated": "ne
 """A robot that feels a force itself."""
 
 
-def test_a_setting_of_another_kind_of_robot_rules_nothing() -> None:
-    """The link of an S3 has flags to check; the robot here has none."""
-    found = explain(FEELING, Situation(fault="the motors are off"))
-    assert (found.cause, found.settings) == (Cause.ROBOT_STATE, ())
-    assert "ruled by       no setting" in list(found.lines())
+def test_setting_of_other_robot_kind_has_no_effect() -> None:
+    """The check of link flags applies only to an S3; this robot has no flags."""
+    report = explain(FEELING, Situation(fault="the motors are off"))
+    assert (report.cause, report.settings) == (Cause.ROBOT_STATE, ())
+    assert "decided by     no setting" in list(report.lines())
 
 
 @pytest.mark.parametrize(
@@ -132,19 +132,17 @@ def test_a_setting_of_another_kind_of_robot_rules_nothing() -> None:
         (-2.1, 1e4, "stop"),
     ],
 )
-def test_a_robot_that_feels_otherwise_for_long_stops(
-    witness_n: float, disagreed_ms: float, verdict: str
-) -> None:
-    """The sensor tells 10 N, and 12 N of difference are ordinary for this robot."""
-    found = explain(FEELING, Situation(witness_n=witness_n, disagreed_ms=disagreed_ms))
-    assert found.verdict == verdict
+def test_lasting_witness_difference_stops(witness_n: float, disagreed_ms: float, verdict: str) -> None:
+    """The sensor reports 10 N; a difference of 12 N is normal for this robot."""
+    report = explain(FEELING, Situation(witness_n=witness_n, disagreed_ms=disagreed_ms))
+    assert report.verdict == verdict
     if verdict == "stop":
-        assert found.cause is Cause.WITNESS
-        assert found.rows == (ROWS[Cause.WITNESS],)
-        assert {setting.partition(" = ")[0] for setting in found.settings} == set(found.rows[0].settings)
+        assert report.cause is Cause.WITNESS
+        assert report.rows == (ROWS[Cause.WITNESS],)
+        assert {setting.partition(" = ")[0] for setting in report.settings} == set(report.rows[0].settings)
 
 
-def test_the_margin_of_a_robot_that_feels_otherwise_is_told() -> None:
+def test_witness_margin_is_reported() -> None:
     (margin,) = (one for one in explain(FEELING, Situation(witness_n=14.0)).margins if one.name == "witness")
     assert (margin.value, margin.limit) == (4.0, pytest.approx(12.0))
 
@@ -162,14 +160,12 @@ def test_the_margin_of_a_robot_that_feels_otherwise_is_told() -> None:
         (Situation(wanted_mm=6.0, commanded_mm=4.5, start_m=(0.0, 0.0, -2.995)), Cause.WORKSPACE, 5.0),
     ],
 )
-def test_each_clamp_is_named_with_the_deepest_order(
-    situation: Situation, cause: Cause, deepest_mm: float
-) -> None:
-    found = explain(CONFIG, situation)
-    assert (found.verdict, found.cause) == ("clamp", None)
-    assert [row.cause for row in found.rows] == [cause]
-    assert found.deepest_mm == pytest.approx(deepest_mm)
-    assert {setting.partition(" = ")[0] for setting in found.settings} <= set(found.rows[0].settings)
+def test_clamp_is_named_with_deepest_order(situation: Situation, cause: Cause, deepest_mm: float) -> None:
+    report = explain(CONFIG, situation)
+    assert (report.verdict, report.cause) == ("clamp", None)
+    assert [row.cause for row in report.rows] == [cause]
+    assert report.deepest_mm == pytest.approx(deepest_mm)
+    assert {setting.partition(" = ")[0] for setting in report.settings} <= set(report.rows[0].settings)
 
 
 @pytest.mark.parametrize(
@@ -179,34 +175,34 @@ def test_each_clamp_is_named_with_the_deepest_order(
         Situation(RETRACT, force_n=60.0, retracting_ms=1000.0, back_mm=2.1),
     ],
 )
-def test_a_retraction_waits_for_a_force_from_the_front(situation: Situation) -> None:
-    found = explain(CONFIG, situation)
-    assert (found.verdict, found.reasons) == ("clamp", (WAITS.text,))
-    assert [row.cause for row in found.rows] == [Cause.RETRACT_WAITS]
-    assert found.then.endswith("the run ends when it is back")
+def test_retraction_pauses_for_force_from_front(situation: Situation) -> None:
+    report = explain(CONFIG, situation)
+    assert (report.verdict, report.reasons) == ("clamp", (WAITS.text,))
+    assert [row.cause for row in report.rows] == [Cause.RETRACT_WAITS]
+    assert report.then.endswith("the run ends when it is back")
 
 
-def test_an_approach_that_is_held_in_place_ends() -> None:
-    found = explain(CONFIG, Situation(APPROACH, commanded_mm=100.0))
-    assert found.verdict == "clamp"
-    assert [row.cause for row in found.rows] == [Cause.TOTAL, "held-approach"]
-    assert found.then.startswith("the tool retracts, now to 99 mm")
+def test_held_approach_ends() -> None:
+    report = explain(CONFIG, Situation(APPROACH, commanded_mm=100.0))
+    assert report.verdict == "clamp"
+    assert [row.cause for row in report.rows] == [Cause.TOTAL, "held-approach"]
+    assert report.then.startswith("the tool retracts, now to 99 mm")
 
 
-def test_a_calm_run_is_allowed_in_every_phase() -> None:
+def test_uneventful_run_is_allowed_in_every_phase() -> None:
     for phase, then in (
-        (APPROACH, "the tool goes deeper, to 0.5 mm"),
+        (APPROACH, "the tool moves deeper, to 0.5 mm"),
         (Phase.TRACK, "the tool stays at 2 mm"),
         (RETRACT, "the tool retracts, now to 1 mm; the run ends when it is back"),
     ):
-        found = explain(CONFIG, Situation(phase))
-        assert (found.verdict, found.rows, found.settings, found.then) == ("allow", (), (), then)
+        report = explain(CONFIG, Situation(phase))
+        assert (report.verdict, report.rows, report.settings, report.then) == ("allow", (), (), then)
 
 
-def test_margins_are_those_of_the_settings_nearest_first() -> None:
-    found = explain(CONFIG, Situation(force_n=40.0, age_ms=100.0, still_ms=150.0))
-    margins = {margin.name: margin for margin in found.margins}
-    assert [margin.name for margin in found.margins[:4]] == ["force", "age", "resultant", "still"]
+def test_margins_are_sorted_nearest_first() -> None:
+    report = explain(CONFIG, Situation(force_n=40.0, age_ms=100.0, still_ms=150.0))
+    margins = {margin.name: margin for margin in report.margins}
+    assert [margin.name for margin in report.margins[:4]] == ["force", "age", "resultant", "still"]
     limits = CONFIG.limits
     for name, limit in (
         ("force", limits.force_limit_n),
@@ -239,27 +235,27 @@ def test_margins_follow_the_configuration() -> None:
     assert after["jump"] == pytest.approx(1.5 * 100.0 * 0.1 + 1.0)
 
 
-def test_a_retraction_has_the_margin_of_its_rise() -> None:
-    found = explain(CONFIG, Situation(RETRACT, force_n=14.0, lowest_n=12.0, retracting_ms=1000.0))
-    assert found.verdict == "allow"
-    (margin,) = found.margins
+def test_explain_retraction_reports_force_rise_margin() -> None:
+    report = explain(CONFIG, Situation(RETRACT, force_n=14.0, lowest_n=12.0, retracting_ms=1000.0))
+    assert report.verdict == "allow"
+    (margin,) = report.margins
     assert (margin.name, margin.value) == ("force", 14.0)
     assert margin.limit == pytest.approx(17.0)
 
 
-def test_a_start_outside_the_workspace_is_refused() -> None:
+def test_explained_start_outside_workspace_is_refused() -> None:
     with pytest.raises(ConfigError, match="outside the box"):
         explain(CONFIG, Situation(start_m=(5.0, 0.0, 0.0)))
 
 
-def test_what_is_asked_is_the_loop_of_a_run() -> None:
+def test_explained_loop_is_that_of_a_run() -> None:
     """An observation that no limit forbids goes through as it is, to the last bit."""
-    decision = Asked(CONFIG)(Situation(wanted_mm=2.5, commanded_mm=2.0))
+    decision = LoopQuery(CONFIG)(Situation(wanted_mm=2.5, commanded_mm=2.0))
     assert decision.verdict.kind == "allow"
     assert decision.target.depth == 2.5e-3
 
 
-def test_a_robot_is_told_no_setting_of_another_kind() -> None:
+def test_explained_omits_settings_of_other_kinds() -> None:
     stopped = Situation(fault="the sensor restarted")
     of_s3 = explain(CONFIG, stopped).settings
     of_egm = explain(read_config({"robot": {"emulated": "egm"}}), stopped).settings

@@ -1,4 +1,4 @@
-"""The page on faults says what the emulators can do; its runs are those of the faults that there are."""
+"""Page on faults: it matches the emulators, and its runs use existing faults."""
 
 import json
 import re
@@ -32,8 +32,8 @@ def test_every_fault_was_measured_once(tool: dict[str, Any]) -> None:
         assert "\n" not in end["cause"]
 
 
-def test_every_run_is_of_a_cell_that_can_have_its_fault(tool: dict[str, Any]) -> None:
-    """A configuration refuses all others."""
+def test_every_run_has_a_cell_with_its_fault(tool: dict[str, Any]) -> None:
+    """A configuration refuses any other combination."""
     for job in tool["jobs"]():
         (fault,) = load_config(None, tool["settings"](job)).faults
         assert (fault.on, fault.fault) == (job.on, job.fault)
@@ -55,8 +55,8 @@ def test_every_fault_of_every_device_is_on_the_page(tool: dict[str, Any]) -> Non
                 assert device == tool["CELL"] or any(device in re.split(r"[ ,:;]+", row) for row in rows)
 
 
-def test_no_parameter_is_named_as_the_duration_once_was(tool: dict[str, Any]) -> None:
-    """It would be taken for the duration, and the parameter would keep its default."""
+def test_no_parameter_has_the_old_duration_name(tool: dict[str, Any]) -> None:
+    """It would be read as the duration, and the parameter would keep its default."""
     for device in (*tool["ROBOT_NAMES"], *tool["SENSOR_NAMES"], tool["CELL"]):
         for on, faults in tool["faults_of_device"](device).items():
             for name, fault in faults.items():

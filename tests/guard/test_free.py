@@ -14,7 +14,7 @@ from hil_bridge.record import Recording
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
-from hil_bridge.site.free import Freed, Freeing
+from hil_bridge.site.free import Freeing, FreeResult
 from hil_bridge.site.return_path import start_of
 from protocol.geometry import Vector
 from tests.paper_cell import PaperCell
@@ -31,30 +31,30 @@ def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
 
 def freed(
     config: Config, distance_mm: float, prepare: Callable[[PaperCell], object] = lambda cell: None
-) -> tuple[Freed, float]:
+) -> tuple[FreeResult, float]:
     """Result, and the true contact force at the end, N."""
     forces: list[float] = []
-    said: list[str] = []
+    lines: list[str] = []
 
-    async def main() -> Freed:
+    async def main() -> FreeResult:
         clock = Clock.running()
 
         async with open_devices(Setup(config), clock, CallbackLog()) as devices:
             cell = devices.cell
             assert cell is not None
             prepare(cell)
-            result = await Freeing(config, clock, devices.robot, devices.sensor, said.append)(distance_mm)
+            result = await Freeing(config, clock, devices.robot, devices.sensor, lines.append)(distance_mm)
             forces.append(math.hypot(*cell.true_state(clock.now()).contact_force))
             return result
 
     result = run_virtual(main)
-    assert said[-1].startswith(f"moved {distance_mm:.3f} mm, force ")
+    assert lines[-1].startswith(f"moved {distance_mm:.3f} mm, force ")
     return result, forces[0]
 
 
 @pytest.mark.parametrize("unchecked", [False, True])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_a_pressing_tool_is_lifted_off(configured: Configured, stiffness: float, unchecked: bool) -> None:
+def test_free_lifts_pressing_tool(configured: Configured, stiffness: float, unchecked: bool) -> None:
     config = configured(stiffness, left_with(stiffness, 80.0), {"sensor": {"unchecked": unchecked}})
     distance = 80.0 / stiffness * 1e3 + 2.0
     result, force = freed(config, distance)
@@ -66,28 +66,28 @@ def test_a_pressing_tool_is_lifted_off(configured: Configured, stiffness: float,
 
 
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_a_wrong_direction_stands_still(configured: Configured, stiffness: float) -> None:
+def test_free_in_wrong_direction_stops(configured: Configured, stiffness: float) -> None:
     config = configured(stiffness, left_with(stiffness, 20.0), {"frame": {"approach": (0.0, 0.0, 1.0)}})
     with pytest.raises(
-        SafetyStop, match=r"the force rose to .* N while the tool moved .* mm away: it stands still"
+        SafetyStop, match=r"the force rose to .* N while the tool moved .* mm away: the tool has stopped"
     ):
         freed(config, 5.0)
 
 
-def test_an_obstacle_above_stands_still(configured: Configured) -> None:
+def test_free_below_obstacle_stops(configured: Configured) -> None:
     config = configured(5e3, {"cell": {"obstacle": {"height_mm": 2.0, "stiffness_n_m": 5e4}}})
     with pytest.raises(SafetyStop, match="the force rose"):
         freed(config, 10.0)
 
 
-def test_free_under_a_soft_obstacle_stops_at_a_creeping_force(configured: Configured) -> None:
-    """0.8 kN/m above make 0.4 N at most in each step, less than what may rise, and 7 N on the whole path."""
+def test_free_below_soft_obstacle_stops(configured: Configured) -> None:
+    """An obstacle of 0.8 kN/m adds at most 0.4 N a step, which is allowed, and 7 N over the entire path."""
     obstacle = {"obstacle": {"height_mm": 1.0, "stiffness_n_m": 800.0}}
     with pytest.raises(SafetyStop, match=r"the force rose to [01]\.\d N"):
         freed(configured(5e3, {"cell": obstacle}), 10.0)
 
 
-def test_a_robot_in_emergency_stop_is_not_moved(configured: Configured) -> None:
+def test_free_in_emergency_stop_does_not_move(configured: Configured) -> None:
     with pytest.raises(DeviceError, match="emergency stop"):
         freed(configured(5e3), 5.0, lambda cell: cell.robot.press_emergency_stop(0.0))
 
@@ -95,16 +95,16 @@ def test_a_robot_in_emergency_stop_is_not_moved(configured: Configured) -> None:
 # --- back to a recorded start
 
 ABOVE = {"cell": {"start_position_mm": (900.0, -92.0, 608.0)}}
-"""A tool that a good run left 18 mm above the surface, 8 mm along its way."""
+"""Tool that a successful run left 18 mm above the surface, 8 mm along its path."""
 START_M = (0.9, -0.1, 0.6)
 
 
-def taken_back(
+def return_to(
     config: Config, goal: Vector = START_M, dead: str = "", distance_mm: float = 20.0
-) -> tuple[Freed, Vector]:
-    """Result, and where the tool truly is at the end, m, with a dead force axis or none."""
+) -> tuple[FreeResult, Vector]:
+    """Return the result and the true final position of the tool, m; `dead` names a dead force axis."""
 
-    async def main() -> tuple[Freed, Vector]:
+    async def main() -> tuple[FreeResult, Vector]:
         clock = Clock.running()
         async with open_devices(Setup(config), clock, CallbackLog()) as devices:
             assert devices.cell is not None
@@ -119,21 +119,19 @@ def taken_back(
 
 
 @pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
-def test_free_back_to_a_start_ends_there(configured: Configured, robot: str) -> None:
-    result, place = taken_back(configured(5e3, ABOVE, {"robot": {"emulated": robot}}))
-    assert place == pytest.approx(START_M, abs=0.2e-3)
+def test_free_back_to_start_ends_there(configured: Configured, robot: str) -> None:
+    result, position = return_to(configured(5e3, ABOVE, {"robot": {"emulated": robot}}))
+    assert position == pytest.approx(START_M, abs=0.2e-3)
     assert result.back_mm == pytest.approx(8.0 + 9.0, abs=0.2)
     assert result.text.endswith(" mm back to the start")
 
 
 @pytest.mark.parametrize(("stiffness", "most_n"), [(5e3, 3.6), (5e4, 11.0)])
-def test_free_back_to_a_start_stands_still_at_a_touch(
-    configured: Configured, stiffness: float, most_n: float
-) -> None:
+def test_free_back_to_start_stops_at_touch(configured: Configured, stiffness: float, most_n: float) -> None:
     """The work piece is 8 mm thicker than in the run that is gone back to: 2 mm above its start."""
     thick = {"cell": {"surface": {"height_mm": 602.0}}, "task": {"expected_stiffness_n_m": stiffness}}
     with pytest.raises(SafetyStop, match=r"N on the tool after .* mm of the path back") as stopped:
-        taken_back(configured(stiffness, ABOVE, thick))
+        return_to(configured(stiffness, ABOVE, thick))
     assert 1.0 < float(str(stopped.value).split()[0]) < most_n
 
 
@@ -142,7 +140,7 @@ def test_free_back_to_start_stops_at_wall_on_dead_axis(configured: Configured, a
     """No weight lies on either axis; the moments show what the dead one does not."""
     cell = {"start_position_mm": (900.0, -100.0, 608.0), "surface": {"wall_at_mm": -96.0}}
     with pytest.raises(SafetyStop, match=r"N on the tool after [34]\.\d* mm of the path back"):
-        taken_back(configured(5e3, {"cell": cell}), (0.9, -0.09, 0.6), axis)
+        return_to(configured(5e3, {"cell": cell}), (0.9, -0.09, 0.6), axis)
 
 
 def test_free_back_to_start_stops_for_stuck_sensor(configured: Configured) -> None:
@@ -154,12 +152,12 @@ def test_free_back_to_start_stops_for_stuck_sensor(configured: Configured) -> No
             cell = devices.cell
             assert cell is not None
 
-            def say(text: str) -> None:
+            def report(text: str) -> None:
                 if text.startswith("0.000 mm of the path back"):
                     cell.inject("signal", "stuck", clock.now())
 
             config = configured(5e3, ABOVE)
-            await Freeing(config, clock, devices.robot, devices.sensor, say)(1.0, START_M)
+            await Freeing(config, clock, devices.robot, devices.sensor, report)(1.0, START_M)
 
     with pytest.raises(SafetyStop, match="stuck, dead or saturated"):
         run_virtual(main)
@@ -167,37 +165,37 @@ def test_free_back_to_start_stops_for_stuck_sensor(configured: Configured) -> No
 
 def test_free_back_to_start_refuses_sensor_that_lost_its_weight(configured: Configured) -> None:
     with pytest.raises(DeviceError, match="Fz is dead"):
-        taken_back(configured(5e3, ABOVE), dead="fz", distance_mm=1.0)
+        return_to(configured(5e3, ABOVE), dead="fz", distance_mm=1.0)
 
 
-def test_free_back_to_a_start_goes_across_above_it(configured: Configured) -> None:
+def test_free_back_to_start_crosses_above_it(configured: Configured) -> None:
     """A tool that a stop left pressing is first lifted to the height of the start."""
-    result, place = taken_back(configured(5e3, left_with(5e3, 20.0)))
+    result, position = return_to(configured(5e3, left_with(5e3, 20.0)))
     assert result.moved_mm == pytest.approx(20.0, abs=0.2)
-    assert place == pytest.approx(START_M, abs=0.2e-3)
+    assert position == pytest.approx(START_M, abs=0.2e-3)
 
 
-def test_free_back_to_a_start_needs_a_known_tool_and_the_box(configured: Configured) -> None:
+def test_free_back_to_start_needs_tool_and_workspace(configured: Configured) -> None:
     with pytest.raises(ConfigError, match="needs the mass of the tool"):
-        taken_back(configured(5e3, ABOVE, {"sensor": {"unchecked": True}}))
+        return_to(configured(5e3, ABOVE, {"sensor": {"unchecked": True}}))
     box = {"limits": {"workspace_max_m": (3.0, 3.0, 0.599)}}
     with pytest.raises(ConfigError, match=r"the recorded start, 900\.0 -100\.0 600\.0 mm, is outside limits"):
-        taken_back(configured(5e3, ABOVE, box))
+        return_to(configured(5e3, ABOVE, box))
 
 
 @pytest.mark.parametrize(
-    ("robot", "words"),
+    ("robot", "message"),
     [
         (
             RobotFacts(kind="rtde", emulated=True),
-            "of an emulated robot, whose start is not a place in this cell",
+            "of an emulated robot, whose start is not a position in this cell",
         ),
         (RobotFacts(kind="egm"), "of a robot of kind egm, and this one is of kind rtde"),
         (RobotFacts(kind="rtde"), "no cycle"),
         (RobotFacts(), "no cycle"),
     ],
 )
-def test_free_back_to_refuses_start_of_another_robot(robot: RobotFacts, words: str) -> None:
+def test_free_back_to_refuses_start_of_another_robot(robot: RobotFacts, message: str) -> None:
     recording = Recording((), (), (), {}, devices=Devices(robot=robot).as_metadata())
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=message):
         start_of(recording, "rtde")

@@ -105,12 +105,12 @@ def lie(monkeypatch: pytest.MonkeyPatch, config: Config, *answers: float) -> Non
     )
 
 
-# --- controllers that answer with places that are none
+# --- controllers that answer with invalid positions
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_a_huge_answer_ends_the_run(
+def test_gate_huge_answer_ends_run(
     guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str, stiffness: float
 ) -> None:
     config = tracking(robot, stiffness)
@@ -122,7 +122,7 @@ def test_a_huge_answer_ends_the_run(
 
 
 @pytest.mark.parametrize("answers", [(3e15, 1e-300), (-3e15, 3e15), (-1e300,), (1e3, -1e3)])
-def test_answers_that_change_between_extremes_end_the_run(
+def test_gate_alternating_extremes_end_run(
     guarded: Run, monkeypatch: pytest.MonkeyPatch, answers: tuple[float, ...]
 ) -> None:
     config = tracking("egm", 5e4)
@@ -136,9 +136,7 @@ def test_answers_that_change_between_extremes_end_the_run(
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_gate_stops_what_a_broken_guard_lets_through(
-    guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str
-) -> None:
+def test_gate_stops_order_of_broken_guard(guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str) -> None:
     """The supervisor's clamp asks for 30 mm more than it says, from some cycle on."""
     clamp, calls = supervisor._clamp, []
 
@@ -160,10 +158,8 @@ def test_the_gate_stops_what_a_broken_guard_lets_through(
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_gate_stops_a_depth_that_agrees_and_leaps(
-    guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str
-) -> None:
-    """Depth and place are both 30 mm deeper, so that they do not contradict each other."""
+def test_gate_stops_consistent_depth_leap(guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str) -> None:
+    """Depth and position are both 30 mm deeper, so they agree with each other."""
     clamp, calls = supervisor._clamp, []
 
     def broken(*arguments: Any) -> Any:
@@ -177,16 +173,14 @@ def test_the_gate_stops_a_depth_that_agrees_and_leaps(
     monkeypatch.setattr(supervisor, "_clamp", broken)
     config = tracking(robot, 5e4, run={"duration_s": 6.0 if robot == "s3" else 0.6})
     run = guarded(config)
-    assert "into the surface faster than may be ordered" in run.cause
+    assert "into the surface faster than allowed" in run.cause
     assert run.largest <= bound(config)
     assert run.result.left.startswith("retracted, ")
 
 
 @pytest.mark.parametrize("leap_mm", [0.5, 30.0])
-def test_the_gate_stops_a_set_point_that_leaps(
-    guarded: Run, monkeypatch: pytest.MonkeyPatch, leap_mm: float
-) -> None:
-    """The way of a stream to its target goes beyond it, once."""
+def test_gate_stops_leaping_set_point(guarded: Run, monkeypatch: pytest.MonkeyPatch, leap_mm: float) -> None:
+    """The path of a stream to its target overshoots once."""
     step, calls = ramp.Ramp.step, []
 
     def broken(self: ramp.Ramp, setpoint: Pose, goal: Pose, *arguments: Any) -> Pose:
@@ -207,7 +201,7 @@ def test_the_gate_stops_a_set_point_that_leaps(
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_gate_stops_a_turn_that_shared_arithmetic_gets_wrong(
+def test_gate_stops_wrong_turn_by_own_arithmetic(
     guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str
 ) -> None:
     """Whoever measures a turn by `protocol.geometry` sees a twentieth of it: 90° at a corner pass for 4.5°."""
@@ -223,7 +217,7 @@ def test_gate_stops_a_turn_that_shared_arithmetic_gets_wrong(
     config = tracking(robot, 5e4, run={"duration_s": 60.0}, task=steps)
     monkeypatch.setattr(geometry, "turn_between", wrong)
     run = guarded(config)
-    assert "turned faster than may be ordered" in run.cause
+    assert "turned faster than allowed" in run.cause
     assert run.largest <= bound(config)
     assert run.result.left.startswith("retracted, ")
 
@@ -242,12 +236,12 @@ def turned(degrees: float) -> Pose:
 
 
 @pytest.mark.parametrize(
-    ("pose", "words"),
+    ("pose", "expected"),
     [
         (deeper(5.0), "0.6 mm into the surface faster"),
         (deeper(0.0, 12.0), "1.0 mm across the approach faster"),
         (deeper(-9.0), "1.0 mm outside the workspace"),
-        (deeper(25.0), "5.0 mm deeper than the deepest"),
+        (deeper(25.0), "5.0 mm deeper than allowed"),
         (deeper(0.0, 500.0), "100.0 mm outside the workspace"),
         (turned(7.0), "2.0 ° tilted more"),
         (turned(4.9), "0.7 ° turned faster"),
@@ -260,20 +254,20 @@ def turned(degrees: float) -> Pose:
         (Pose(START.position, (math.nan,) * 4), "which is invalid"),
     ],
 )
-def test_each_bound_stops_a_pose(pose: Pose, words: str) -> None:
+def test_gate_each_bound_stops_a_pose(pose: Pose, expected: str) -> None:
     gate = Gate(BOUNDS, 0.0)
-    told = gate.judge(pose, 0.0)
-    assert words in told
-    assert told.endswith(f"{BUG}: report it with the recording")
-    assert gate.judge(START, 0.0) == "", "what is stopped counts for nothing"
+    message = gate.judge(pose, 0.0)
+    assert expected in message
+    assert message.endswith(f"{BUG}: report it with the recording")
+    assert gate.judge(START, 0.0) == "", "a stopped order does not count"
 
 
-def test_a_tool_may_stay_where_it_stands_and_goes_no_farther() -> None:
-    """A robot that tells its place with noise stood some µm deeper than at the first look, and was not moved."""
+def test_gate_tool_outside_may_stay_but_not_advance() -> None:
+    """A robot with a noisy reported position was some µm deeper than in the first sample, and did not move."""
     gate = Gate(BOUNDS, 0.0, deeper(20.05))
     assert gate.judge(deeper(20.05), 0.0) == ""
-    assert "mm deeper than the deepest" in gate.judge(deeper(20.06), 1.0)
-    assert "mm deeper than the deepest" in Gate(BOUNDS, 0.0, deeper(20.2)).judge(deeper(20.2), 0.0)
+    assert "mm deeper than allowed" in gate.judge(deeper(20.06), 1.0)
+    assert "mm deeper than allowed" in Gate(BOUNDS, 0.0, deeper(20.2)).judge(deeper(20.2), 0.0)
     bounds = dataclasses.replace(BOUNDS, slack=0.0)
     gate = Gate(bounds, 0.0, deeper(-8.9))
     assert gate.judge(deeper(-8.9), 0.0) == "", "0.9 mm outside the box"
@@ -281,28 +275,28 @@ def test_a_tool_may_stay_where_it_stands_and_goes_no_farther() -> None:
     assert "mm outside the workspace" in Gate(bounds, 0.0, deeper(-9.1)).judge(deeper(-9.1), 0.0)
 
 
-def test_a_credit_grows_with_the_time_and_no_farther() -> None:
+def test_gate_credit_grows_with_time_up_to_limit() -> None:
     gate = Gate(BOUNDS, 0.0)
     assert gate.judge(deeper(4.4), 0.0) == ""
     assert "faster" in gate.judge(deeper(6.6), 0.1)
     assert gate.judge(deeper(6.6), 0.2) == ""
     assert "faster" in gate.judge(deeper(6.6 + 4.5), 100.0)
-    assert "faster" in gate.judge(deeper(6.7), -1.0), "a clock that goes back gives nothing"
+    assert "faster" in gate.judge(deeper(6.7), -1.0), "a clock that goes back grants no credit"
 
 
 @pytest.mark.parametrize("goal", [(0.0, 0.0, 0.25), (0.25, 0.0, 0.0), (0.0, -0.25, 0.0), (0.0, 0.0, -0.25)])
 def test_gate_passes_an_order_of_the_full_credit_once(goal: Vector) -> None:
     """Deeper, to both sides and back, in numbers that floats hold exactly; nothing is left for a second order."""
-    stands = Pose((0.0, 0.0, 0.0), UPRIGHT)
-    bounds = Bounds(stands, deeper=0.25, across=0.25, away=0.25, time=1.0, slack=0.0)
+    start = Pose((0.0, 0.0, 0.0), UPRIGHT)
+    bounds = Bounds(start, deeper=0.25, across=0.25, away=0.25, time=1.0, slack=0.0)
     gate = Gate(bounds, 0.0)
     assert gate.judge(Pose(goal, UPRIGHT), 0.0) == ""
     x, y, z = (part * (1.0 + 2.0**-20) for part in goal)
-    assert "faster than may be ordered" in gate.judge(Pose((x, y, z), UPRIGHT), 0.0)
-    assert "faster than may be ordered" in Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
+    assert "faster than allowed" in gate.judge(Pose((x, y, z), UPRIGHT), 0.0)
+    assert "faster than allowed" in Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
 
 
-def test_one_way_back_pays_for_no_way_deeper() -> None:
+def test_gate_retraction_gives_no_credit_for_depth() -> None:
     gate, depth, now = Gate(BOUNDS, 0.0), 0.0, 0.0
     for _ in range(3):
         depth, now = depth + 1.4, now + 1e-6
@@ -312,7 +306,7 @@ def test_one_way_back_pays_for_no_way_deeper() -> None:
     assert "into the surface faster" in gate.judge(deeper(depth + 1.4), now)
 
 
-def test_a_set_point_goes_no_deeper_than_its_target() -> None:
+def test_gate_set_point_stays_above_target() -> None:
     gate = Gate(BOUNDS, 0.0)
     assert "0.5 mm deeper than" in gate.judge(deeper(1.5), 0.0, 0.001)
     assert gate.judge(deeper(1.0), 0.0, 0.001) == ""
@@ -322,41 +316,41 @@ PARTS = strategies.floats(-1e3, 1e3) | strategies.floats(allow_nan=True, allow_i
 
 
 @given(strategies.lists(strategies.tuples(PARTS, PARTS, PARTS, strategies.floats(0.0, 10.0)), max_size=20))
-def test_no_pose_passes_that_is_outside(places: list[tuple[float, float, float, float]]) -> None:
-    """Whatever is asked for, and in whichever order: what passes is in the bounds, and no faster than they say."""
-    gate, now, last, begun = Gate(BOUNDS, 0.0), 0.0, 0.0, 0.0
-    for x, y, z, passed in places:
+def test_gate_pose_outside_bounds_never_passes(positions: list[tuple[float, float, float, float]]) -> None:
+    """For any requests in any order, accepted poses are within the bounds and the speed limits."""
+    gate, now, last, started = Gate(BOUNDS, 0.0), 0.0, 0.0, 0.0
+    for x, y, z, passed in positions:
         now += passed
         for pose in (Pose((x, y, z), UPRIGHT), deeper(z % 40.0 - 10.0, x % 5.0 if math.isfinite(x) else 0.0)):
             if gate.judge(pose, now):
                 continue
             depth = 0.592 - pose.position[2]
             assert depth <= 0.02 + 2 * SLACK_M
-            assert depth - last <= 0.011 * (now - begun + 0.4) + 2 * SLACK_M
+            assert depth - last <= 0.011 * (now - started + 0.4) + 2 * SLACK_M
             assert all(
                 low - 2 * SLACK_M <= p <= high + 2 * SLACK_M
                 for low, p, high in zip(BOUNDS.low, pose.position, BOUNDS.high, strict=True)
             )
 
 
-def test_a_depth_that_is_not_that_of_the_place_is_named() -> None:
+def test_gate_depth_position_mismatch_is_named() -> None:
     approach: Vector = (0.0, 0.0, -1.0)
     assert contradiction((0.9, -0.1, 0.59), START.position, approach, 0.002) == ""
     assert "0.2 mm from the depth" in contradiction((0.9, -0.1, 0.59), START.position, approach, 0.0022)
     assert "nan mm from" in contradiction((math.nan, -0.1, 0.59), START.position, approach, 0.002)
 
 
-def test_a_tool_that_is_freed_goes_no_deeper_and_does_not_turn() -> None:
+def test_gate_freed_tool_only_moves_away() -> None:
     config = tracking("egm", 5e3)
     gate = Gate(free_bounds(config, Setup(config).facts, START), 0.0)
     assert gate.judge(deeper(-0.5), 1.0) == ""
-    assert "deeper than the deepest" in gate.judge(deeper(0.1), 2.0)
+    assert "deeper than allowed" in gate.judge(deeper(0.1), 2.0)
     assert "tilted" in gate.judge(turned(0.5), 2.0)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_bounds_leave_room_for_each_step_of_a_run(robot: str) -> None:
-    """The farthest that one decision may go, with the words of the robot rounded to either side."""
+def test_gate_bounds_permit_each_step_of_a_run(robot: str) -> None:
+    """The longest move of one decision, with the robot's registers rounded in either direction."""
     config = tracking(robot, 5e3)
     facts, sample = Setup(config).facts, config.controller.sample_ms or 180.0
     gate = Gate(run_bounds(config, facts, sample * 1e-3, False, START), 0.0)
@@ -369,7 +363,7 @@ def test_bounds_leave_room_for_each_step_of_a_run(robot: str) -> None:
         assert gate.judge(pose, 2.0 * sample * 1e-3 * number) == ""
 
 
-def test_the_last_gate_of_a_run_holds_the_limits_of_its_configuration() -> None:
+def test_gate_of_run_uses_configured_limits() -> None:
     limits = {
         "correction_total_mm": 30.0,
         "correction_mm_s": 11.0,
@@ -383,12 +377,12 @@ def test_the_last_gate_of_a_run_holds_the_limits_of_its_configuration() -> None:
     assert (bounds.deepest, bounds.deeper, bounds.across) == pytest.approx((0.03, 0.011, 0.027))
     assert (bounds.tilt, bounds.turn) == pytest.approx((math.radians(6.0), math.radians(8.0)))
     lift = config.task.zero_lift_mm * 1e-3
-    assert bounds.low == pytest.approx(tuple(place - lift for place in config.limits.workspace_min_m))
-    assert bounds.high == pytest.approx(tuple(place + lift for place in config.limits.workspace_max_m))
+    assert bounds.low == pytest.approx(tuple(position - lift for position in config.limits.workspace_min_m))
+    assert bounds.high == pytest.approx(tuple(position + lift for position in config.limits.workspace_max_m))
     gate = Gate(bounds, 0.0)
     for number in range(1, 61):  # slowly, so that no speed is judged
         assert gate.judge(deeper(0.5 * number), float(number)) == ""
-    assert "0.5 mm deeper than the deepest" in gate.judge(deeper(30.5), 61.0)
+    assert "0.5 mm deeper than allowed" in gate.judge(deeper(30.5), 61.0)
     still = run_bounds(config, Setup(config).facts, 0.02, False, START)
     assert (still.tilt, still.turn) == (0.0, 0.0), "a run without a program does not turn the tool"
 
@@ -398,20 +392,20 @@ def test_the_last_gate_of_a_run_holds_the_limits_of_its_configuration() -> None:
 
 @pytest.fixture
 def judged(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The gate's words on each pose."""
-    words: list[str] = []
+    """Return the gate's message for each pose."""
+    messages: list[str] = []
     judge = Gate.judge
 
     def listening(self: Gate, *arguments: Any) -> str:
-        words.append(judge(self, *arguments))
-        return words[-1]
+        messages.append(judge(self, *arguments))
+        return messages[-1]
 
     monkeypatch.setattr(Gate, "judge", listening)
-    return words
+    return messages
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_gate_is_silent_in_a_run(guarded: Run, judged: list[str], robot: str) -> None:
+def test_gate_does_not_interfere_with_run(guarded: Run, judged: list[str], robot: str) -> None:
     run = guarded(tracking(robot, 5e3))
     assert run.result.left.startswith("retracted, ")
     assert len(judged) >= 20
@@ -419,7 +413,7 @@ def test_the_gate_is_silent_in_a_run(guarded: Run, judged: list[str], robot: str
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_gate_is_silent_while_a_tool_is_freed(judged: list[str], robot: str) -> None:
+def test_gate_does_not_interfere_with_freeing(judged: list[str], robot: str) -> None:
     config = tracking(robot, 5e3, cell={"start_position_mm": (900.0, -100.0, 588.0)})
 
     async def main() -> None:
@@ -433,7 +427,7 @@ def test_the_gate_is_silent_while_a_tool_is_freed(judged: list[str], robot: str)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_gate_is_silent_while_a_tool_is_turned(judged: list[str], robot: str) -> None:
+def test_gate_does_not_interfere_with_turning(judged: list[str], robot: str) -> None:
     config = tracking(robot, 5e3)
     sweep = Sweep(angle_deg=6.0, lift_mm=10.0, settle_s=0.1, average_s=0.3)
     assert len(measure(config, True, sweep, lambda text: None)) == 6
@@ -441,16 +435,16 @@ def test_the_gate_is_silent_while_a_tool_is_turned(judged: list[str], robot: str
     assert set(judged) == {""}
 
 
-def test_a_way_in_steps_is_judged_as_its_end() -> None:
-    """The set points of a way are each in the bounds of its target."""
+def test_gate_stepped_move_is_judged_by_its_end() -> None:
+    """Each set point of a path is within the bounds of its target."""
     gate, pose, goal = Gate(BOUNDS, 0.0), START, deeper(2.0, 3.0)
     for number in range(1, 400):
         pose = towards(pose, goal, 1e-5, 1.0)
         assert gate.judge(pose, number * 1e-2) == ""
 
 
-def test_an_order_that_is_refused_does_not_count() -> None:
-    """A hunt found it: a way far back was refused, and the next, short one was stopped as a leap deeper."""
+def test_gate_refused_order_does_not_count() -> None:
+    """Found by a hunt: a long move back was refused, and the next, short one was stopped as a jump deeper."""
     gate = Gate(BOUNDS, 0.0, deeper(5.0))
     assert gate.judge(deeper(-4.0), 1.0) == ""
     gate.take_back()
@@ -458,10 +452,8 @@ def test_an_order_that_is_refused_does_not_count() -> None:
     assert "into the surface faster" in gate.judge(deeper(19.0), 1.2)
 
 
-def test_a_refused_way_back_does_not_keep_the_tool_on_the_surface(
-    guarded: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The controller asks for a way far back, and the robot refuses that one order."""
+def test_gate_refused_retraction_is_repeated(guarded: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controller requests a long move back, and the robot refuses that one order."""
     refused = {"on": "robot", "fault": "refuses", "phase": "track", "after_s": 1.1, "with": {"code": 31}}
     values = tracking("s3", 5e3).model_dump(exclude_unset=True)
     config = awake_config({**values, "faults": [refused]})
@@ -472,14 +464,14 @@ def test_a_refused_way_back_does_not_keep_the_tool_on_the_surface(
     assert run.result.left.startswith("retracted")
 
 
-def test_a_tool_that_noise_tells_below_its_start_may_stay_where_it_stands() -> None:
-    """A real arm tells its place with a noise of 20 µm. An order to stay is no deeper; one below it is."""
+def test_gate_noisy_start_depth_is_tolerated() -> None:
+    """A real arm reports its position with a noise of 20 µm. An order to stay is not deeper; one below it is."""
     bounds = dataclasses.replace(BOUNDS, deepest=0.0)
     gate = Gate(bounds, 0.0, deeper(0.02))
     assert gate.judge(deeper(0.02), 1.0) == ""
     assert gate.judge(deeper(0.01), 1.1) == ""
-    assert "deeper than the deepest that may be ordered" in gate.judge(deeper(0.03), 1.2)
-    assert "deeper than the deepest" in Gate(bounds, 0.0).judge(deeper(0.02), 1.0)
-    assert "deeper than the deepest" in Gate(bounds, 0.0, deeper(0.5)).judge(deeper(0.5), 1.0), (
-        "no noise is so large"
+    assert "deeper than allowed" in gate.judge(deeper(0.03), 1.2)
+    assert "deeper than allowed" in Gate(bounds, 0.0).judge(deeper(0.02), 1.0)
+    assert "deeper than allowed" in Gate(bounds, 0.0, deeper(0.5)).judge(deeper(0.5), 1.0), (
+        "larger than any noise"
     )

@@ -1,4 +1,4 @@
-"""The arithmetic of the last gate, against turns and distances that are known by construction."""
+"""Arithmetic of the last gate, compared with rotations and distances known by construction."""
 
 import math
 
@@ -35,31 +35,31 @@ def unit_across(axis: Vector, other: Vector) -> Vector:
     return unit((x, y, z))
 
 
-@pytest.mark.parametrize(("margin", "words"), [(-0.01, "tilted more than may be ordered"), (0.01, "")])
+@pytest.mark.parametrize(("margin", "message"), [(-0.01, "tilted more than allowed"), (0.01, "")])
 @given(start=ORIENTATIONS, other=AXES, angle=strategies.floats(0.05, 3.0))
 def test_gate_tilt_is_the_angle_of_the_tool_axis(
-    margin: float, words: str, start: Quaternion, other: Vector, angle: float
+    margin: float, message: str, start: Quaternion, other: Vector, angle: float
 ) -> None:
     """A turn about the tool's own axis tilts nothing, one about an axis across it by its angle."""
     across = unit_across(rotate(start, (0.0, 0.0, 1.0)), other)
     twisted = product(start, turn_about((0.0, 0.0, 1.0), 0.7))
     gate = Gate(Bounds(Pose(ORIGIN, start), tilt=angle + margin), 0.0)
     refused = gate.judge(Pose(ORIGIN, product(turn_about(across, angle), twisted)), 0.0)
-    assert bool(refused) == bool(words)
-    assert words in refused
+    assert bool(refused) == bool(message)
+    assert message in refused
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.99, "across the approach faster"), (1.01, "")])
+@pytest.mark.parametrize(("share", "message"), [(0.99, "across the approach faster"), (1.01, "")])
 @given(approach=AXES, other=AXES, along=strategies.floats(-0.1, 0.1), across=strategies.floats(0.01, 0.1))
 def test_gate_distance_across_excludes_the_approach(
-    share: float, words: str, approach: Vector, other: Vector, along: float, across: float
+    share: float, message: str, approach: Vector, other: Vector, along: float, across: float
 ) -> None:
     side = unit_across(approach, other)
     x, y, z = (along * a + across * s for a, s in zip(approach, side, strict=True))
     bounds = Bounds(Pose(ORIGIN, UPRIGHT), approach, across=across * share)
     refused = Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
-    assert bool(refused) == bool(words)
-    assert words in refused
+    assert bool(refused) == bool(message)
+    assert message in refused
 
 
 @given(
@@ -80,4 +80,4 @@ def test_gate_depth_is_counted_from_the_start_along_the_approach(
     assert depth_of((x, y, z), bounds) == pytest.approx(depth, abs=1e-9)
     assert Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0) == ""
     shallower = Bounds(Pose(origin, UPRIGHT), approach, deepest=depth - 1e-3)
-    assert "1.0 mm deeper than the deepest" in Gate(shallower, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
+    assert "1.0 mm deeper than allowed" in Gate(shallower, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)

@@ -1,4 +1,4 @@
-"""The small model of the guard: it keeps its rules, finds planted mistakes, and accepts what the guard really does."""
+"""Small model of the guard: it keeps its rules, detects planted mistakes, and accepts guarded runs."""
 
 import json
 from dataclasses import replace
@@ -62,15 +62,15 @@ def with_row(cause: Cause, **changes: Any) -> GuardModel:
     return replace(MODEL, rows={**ROWS, cause: replace(ROWS[cause], **changes)})
 
 
-def test_every_rule_holds_in_every_state() -> None:
-    found = search(MODEL)
-    assert found.broken == {}
-    assert found.held == tuple(GuardRule)
-    assert found.states > 50
-    assert found.steps > 1_000_000
+def test_model_every_rule_holds_in_every_state() -> None:
+    result = search(MODEL)
+    assert result.broken == {}
+    assert result.held == tuple(GuardRule)
+    assert result.states > 50
+    assert result.steps > 1_000_000
 
 
-def test_every_phase_of_a_run_is_in_the_model() -> None:
+def test_model_contains_every_phase() -> None:
     assert set(Phase) | {CONNECT, TARE} <= set(LOOKS)
     assert set(STAGES) == set(Stage)
     assert set(STRONGEST) == set(Reaction)
@@ -91,7 +91,7 @@ WRONG_MODELS: dict[str, tuple[GuardRule, GuardModel]] = {
         replace(MODEL, follows={**FOLLOWS, Phase.TRACK: CYCLES | {TARE}}),
     ),
     "the way to the zero goes deeper": (GuardRule.LIFT, replace(MODEL, asks={**ASKS, TARE: frozenset(Way)})),
-    "orders are believed instead of what is found": (GuardRule.TOLD, replace(MODEL, believes_orders=True)),
+    "orders are believed instead of what is found": (GuardRule.TOLD, replace(MODEL, trusts_orders=True)),
     "the weaker of two reactions is taken": (
         GuardRule.STILL,
         replace(MODEL, strongest=tuple(reversed(STRONGEST))),
@@ -117,12 +117,12 @@ WRONG_MODELS: dict[str, tuple[GuardRule, GuardModel]] = {
 
 
 @pytest.mark.parametrize("name", WRONG_MODELS)
-def test_a_mistake_in_the_model_breaks_a_rule(name: str) -> None:
+def test_mutated_model_breaks_a_rule(name: str) -> None:
     rule, wrong = WRONG_MODELS[name]
     assert rule in search(wrong).broken
 
 
-def test_a_broken_rule_is_told_with_the_way_to_it() -> None:
+def test_broken_rule_is_reported_with_its_trace() -> None:
     path = search(WRONG_MODELS["a retraction asks for deeper"][1]).broken[GuardRule.DEEPER]
     assert path[-1].way is Way.DEEPER
     assert [step.after.phase for step in path][-2:] == [Phase.RETRACT, Phase.RETRACT] or len(path) > 1
@@ -175,79 +175,77 @@ def rest_of(recording: Recording, **values: Any) -> Recording:
 
 
 def refused_at(recording: Recording) -> int | None:
-    found = first_unaccepted(recording, MODEL)
-    return None if found is None else found.cycle
+    result = first_unaccepted(recording, MODEL)
+    return None if result is None else result.cycle
 
 
-def test_the_model_accepts_what_the_guard_does(
-    plain: Recording, stopped: Recording, program: Recording
-) -> None:
+def test_model_accepts_guarded_runs(plain: Recording, stopped: Recording, program: Recording) -> None:
     assert stopped.end["cause"] == Cause.FORCE
     assert [refused_at(each) for each in (plain, stopped, program)] == [None, None, None]
 
 
-def test_an_order_deeper_behind_a_stop_is_found(stopped: Recording) -> None:
+def test_model_rejects_deeper_order_after_stop(stopped: Recording) -> None:
     number = len(stopped.cycles) - 3
     deeper = stopped.cycles[number - 1].depth_commanded + 2e-6
     assert refused_at(altered(stopped, number, depth_commanded=deeper)) == number
 
 
-def test_an_order_deeper_in_the_cycle_that_stops_is_found(stopped: Recording) -> None:
+def test_model_rejects_deeper_order_in_stop_cycle(stopped: Recording) -> None:
     number = next(cycle.cycle for cycle in stopped.cycles if cycle.verdict == "stop")
     deeper = stopped.cycles[number - 1].depth_commanded + 2e-6
     assert refused_at(altered(stopped, number, depth_commanded=deeper)) == number
 
 
-def test_a_phase_that_goes_backwards_is_found(plain: Recording, stopped: Recording) -> None:
+def test_model_rejects_backward_phase(plain: Recording, stopped: Recording) -> None:
     for recording in (plain, stopped):
         number = phase_of(recording, "retract")
         assert refused_at(altered(recording, number, phase="track")) == number
 
 
-def test_a_phase_that_is_none_of_its_step_is_found(program: Recording) -> None:
+def test_model_rejects_phase_of_other_step(program: Recording) -> None:
     number = phase_of(program, "zero")
     assert refused_at(altered(program, number, phase="move")) == number
 
 
-def test_a_zero_that_moves_deeper_is_found(program: Recording) -> None:
+def test_model_rejects_inward_motion_in_zero(program: Recording) -> None:
     number = phase_of(program, "zero")
     depth = program.cycles[number].depth_commanded + 1e-4
     assert refused_at(altered(program, number, depth_commanded=depth)) == number
 
 
-def test_an_end_inside_the_surface_that_is_not_told_is_found(plain: Recording) -> None:
+def test_model_rejects_unreported_end_in_contact(plain: Recording) -> None:
     assert refused_at(rest_of(plain, depth_m=3e-3)) == len(plain.cycles)
 
 
-def test_an_end_that_nothing_retracted_is_found(plain: Recording) -> None:
+def test_model_rejects_end_without_retraction(plain: Recording) -> None:
     """The cycles end while the tool presses, and the end says that it was retracted."""
     number = phase_of(plain, "track")
     assert refused_at(replace(plain, cycles=plain.cycles[:number])) == number
 
 
-def test_a_stop_that_completes_is_found(stopped: Recording) -> None:
+def test_model_rejects_completed_stop(stopped: Recording) -> None:
     assert refused_at(ended(stopped, outcome="completed", cause="time-is-up")) == len(stopped.cycles)
 
 
-def test_a_failure_without_a_stop_is_found(plain: Recording) -> None:
+def test_model_rejects_failure_without_stop(plain: Recording) -> None:
     assert refused_at(ended(plain, outcome="stopped")) == len(plain.cycles)
 
 
-def test_a_condition_at_the_wrong_time_is_found(plain: Recording) -> None:
+def test_model_rejects_condition_at_wrong_time(plain: Recording) -> None:
     number = phase_of(plain, "track")
     at = plain.cycles[number].controlled_at
     events = (*plain.events, EventRecord(at, EventKind.STOP, "planted", Cause.WEIGHT))
     assert refused_at(replace(plain, events=tuple(sorted(events, key=lambda event: event.at)))) == number
 
 
-def test_a_retraction_that_goes_on_while_it_stands_is_found(stopped: Recording) -> None:
+def test_model_rejects_motion_during_halt(stopped: Recording) -> None:
     number = len(stopped.cycles) - 3
     event = EventRecord(stopped.cycles[number].controlled_at, EventKind.THEN, "planted", Cause.BEHIND)
     events = tuple(sorted((*stopped.events, event), key=lambda event: event.at))
     assert refused_at(replace(stopped, events=events)) == number
 
 
-def test_a_run_that_has_moved_says_where_it_was_left(plain: Recording) -> None:
+def test_model_needs_final_state_after_motion(plain: Recording) -> None:
     assert refused_at(ended(plain, rest="")) == len(plain.cycles)
 
 
@@ -268,14 +266,14 @@ FAULTS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_ends_of_all_kinds_are_accepted(name: str, recordings: Recordings) -> None:
+def test_model_accepts_all_kinds_of_ends(name: str, recordings: Recordings) -> None:
     fault = FAULTS[name]
     recording = recordings(NEAR, faults=[fault], refused=True)
     assert recording.end["outcome"] == "stopped"
     assert refused_at(recording) is None
 
 
-def test_a_person_who_ends_a_long_retraction_is_accepted() -> None:
+def test_model_accepts_operator_end_in_long_retraction() -> None:
     steps = [{"do": "approach"}, {"do": "retract", "back_mm": 12.0}, {"do": "approach"}, {"do": "retract"}]
 
     async def main() -> api.Simulation:

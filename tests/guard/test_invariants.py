@@ -1,4 +1,4 @@
-"""The checkers of the guard's promises: silent for a healthy run, and each finds what is planted for it."""
+"""Checkers of the guard's promises: silent for a healthy run, and each detects its planted violation."""
 
 import json
 from collections.abc import Callable
@@ -59,8 +59,8 @@ def traced(evidence: Evidence, **other: Any) -> Evidence:
 
 
 def rest(evidence: Evidence, **values: Any) -> Evidence:
-    told = json.loads(evidence.recording.end["rest"]) | values
-    return recorded(evidence, end={**evidence.recording.end, "rest": json.dumps(told)})
+    data = json.loads(evidence.recording.end["rest"]) | values
+    return recorded(evidence, end={**evidence.recording.end, "rest": json.dumps(data)})
 
 
 def with_event(evidence: Evidence, kind: str, cause: Cause | None = None) -> Evidence:
@@ -96,8 +96,8 @@ def jump(evidence: Evidence) -> Evidence:
     assert evidence.trace.positions is not None
     positions = evidence.trace.positions.copy()
     positions[5:, 2] += 0.1
-    told = json.loads(evidence.recording.end["rest"])["depth_m"]
-    return rest(traced(evidence, positions=positions), depth_m=told - 0.1)
+    data = json.loads(evidence.recording.end["rest"])["depth_m"]
+    return rest(traced(evidence, positions=positions), depth_m=data - 0.1)
 
 
 def decided_otherwise(evidence: Evidence) -> Evidence:
@@ -133,13 +133,13 @@ PLANTS: dict[str, tuple[Promise, Plant]] = {
 }
 
 
-def test_a_healthy_run_keeps_every_promise(healthy: Evidence) -> None:
+def test_healthy_run_keeps_every_promise(healthy: Evidence) -> None:
     assert json.loads(healthy.recording.end["rest"])["retracted"] is True
     assert broken_promises(healthy) == ()
 
 
 @pytest.mark.parametrize("name", PLANTS)
-def test_a_planted_violation_is_found_alone(healthy: Evidence, name: str) -> None:
+def test_planted_violation_is_the_only_finding(healthy: Evidence, name: str) -> None:
     promise, plant = PLANTS[name]
     violations = broken_promises(plant(healthy))
     others = (
@@ -176,11 +176,11 @@ def test_unaccepted_end_is_named_with_outcome_and_cause(healthy: Evidence) -> No
     ) in model_text(rest(healthy, depth_m=0.02))
 
 
-def test_every_promise_has_a_checker_and_a_plant() -> None:
+def test_every_promise_has_checker_and_violation() -> None:
     assert set(CHECKERS) == set(Promise) == {promise for promise, _ in PLANTS.values()}
 
 
-def test_an_unknown_force_is_no_lie(healthy: Evidence) -> None:
+def test_unknown_force_is_not_a_violation(healthy: Evidence) -> None:
     assert healthy.trace is not None
     forces = last(healthy.trace.forces, 30.0)
     unknown = rest(traced(healthy, forces=forces), force_n=None, retracted=False)
@@ -231,59 +231,59 @@ ADDED: list[tuple[dict[str, Any], float]] = [
 
 
 @pytest.mark.parametrize(("fault", "newtons"), ADDED, ids=lambda value: str(value)[:60])
-def test_a_fault_adds_its_number_to_the_bound(fault: dict[str, Any], newtons: float) -> None:
+def test_fault_adds_its_value_to_the_bound(fault: dict[str, Any], newtons: float) -> None:
     config = hil_bridge.load({"cell": {"tool": {"mass_kg": 0.6}}})
     world = World(config, 5e3, 11e-3, 0.3, 20.0, (0.0, 0.0, -1.0))
     assert added_n([FaultConfig.model_validate(fault)], world) == pytest.approx(newtons)
 
 
-def test_a_surface_that_rises_adds_the_way_it_rises(healthy: Evidence) -> None:
+def test_rising_surface_adds_its_rise_to_the_bound(healthy: Evidence) -> None:
     """A rise by 10 mm adds 50 N: 40 N beyond the bound are those of the surface, of 60 N the guard has 10 N."""
     fault = {"on": "surface", "fault": "step", "phase": "track", "with": {"mm": 10.0}}
     assert healthy.trace is not None
     for beyond_n, broken in ((40.0, []), (60.0, [Promise.BOUND])):
         forces = healthy.trace.forces.copy()
         forces[3] = stated_bound_n(healthy) + beyond_n
-        told = broken_promises(faulted(traced(healthy, forces=forces), fault))
-        assert [violation.promise for violation in told] == broken
+        violations = broken_promises(faulted(traced(healthy, forces=forces), fault))
+        assert [violation.promise for violation in violations] == broken
 
 
-def test_a_force_to_the_side_has_the_bound_of_the_resultant(healthy: Evidence) -> None:
+def test_side_force_has_bound_of_resultant(healthy: Evidence) -> None:
     assert healthy.trace is not None
     vectors = np.zeros((len(healthy.trace.times), 3))
     for side_n, broken in ((90.0, []), (300.0, [Promise.BOUND])):
         vectors[3] = side_n, 0.0, 0.0
-        told = broken_promises(traced(healthy, forces=np.linalg.norm(vectors, axis=1), vectors=vectors))
-        assert [violation.promise for violation in told] == broken
+        violations = broken_promises(traced(healthy, forces=np.linalg.norm(vectors, axis=1), vectors=vectors))
+        assert [violation.promise for violation in violations] == broken
 
 
 @pytest.mark.parametrize("on", sorted({row.on for row in VOIDS}))
-def test_no_fault_excuses_an_end_told_free_that_presses(healthy: Evidence, on: str) -> None:
-    """A drift left 85 N, and the run told "retracted, 0.0 N"."""
+def test_fault_does_not_excuse_false_retraction_report(healthy: Evidence, on: str) -> None:
+    """A drift left 85 N, and the run reported "retracted, 0.0 N"."""
     row = next(row for row in VOIDS if row.on == on)
     fault = {"on": on, "fault": min(row.faults, default="above"), "phase": "track"}
     assert healthy.trace is not None
     pressed = traced(healthy, forces=np.full(len(healthy.trace.forces), 85.0))
-    told = {violation.promise for violation in broken_promises(faulted(pressed, fault))}
-    assert {Promise.END, Promise.LAST_LINE} <= told
+    violations = {violation.promise for violation in broken_promises(faulted(pressed, fault))}
+    assert {Promise.END, Promise.LAST_LINE} <= violations
 
 
-def test_surface_that_comes_after_the_newest_frame_breaks_no_end(healthy: Evidence) -> None:
+def test_surface_after_newest_frame_is_no_violation(healthy: Evidence) -> None:
     assert healthy.trace is not None
     pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
-    swings = faulted(pressed, {"on": "surface", "fault": "swings", "phase": "track"})
-    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(swings)}
+    oscillating = faulted(pressed, {"on": "surface", "fault": "swings", "phase": "track"})
+    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(oscillating)}
 
 
-def test_surface_that_hardens_excuses_no_force_of_the_end(healthy: Evidence) -> None:
-    """It stays where it is, so that the force of the newest instant counts."""
+def test_hardening_surface_does_not_excuse_end_force(healthy: Evidence) -> None:
+    """The tool does not move, so the newest force counts."""
     assert healthy.trace is not None
     pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
     hardens = faulted(pressed, {"on": "surface", "fault": "hard", "phase": "track"})
     assert {Promise.END, Promise.LAST_LINE} <= {one.promise for one in broken_promises(hardens)}
 
 
-def test_an_end_that_names_its_unverified_axes_is_told(healthy: Evidence) -> None:
+def test_end_with_unverified_axes_counts_as_reported(healthy: Evidence) -> None:
     assert healthy.trace is not None
     both = {Promise.END, Promise.LAST_LINE}
     pressed = traced(healthy, forces=last(healthy.trace.forces, 30.0))
@@ -293,17 +293,17 @@ def test_an_end_that_names_its_unverified_axes_is_told(healthy: Evidence) -> Non
     vectors[-1, 0] = 30.0  # along the sensor's x axis
     pressed = traced(pressed, vectors=vectors)
     assert broken_promises(rest(pressed, unverified=["Fx"])) == ()
-    told = {one.promise for one in broken_promises(rest(pressed, unverified=["Fy"]))}
-    assert told == both, "an axis across excuses nothing"
+    violations = {one.promise for one in broken_promises(rest(pressed, unverified=["Fy"]))}
+    assert violations == both, "a fault of a lateral axis is no excuse"
 
 
-def test_a_sensor_that_lies_may_tell_too_much(healthy: Evidence) -> None:
+def test_faulty_sensor_may_report_too_much(healthy: Evidence) -> None:
     offset = {"on": "signal", "fault": "offset", "phase": "track"}
     assert broken_promises(faulted(rest(healthy, force_n=25.0), offset)) == ()
     assert [one.promise for one in broken_promises(rest(healthy, force_n=25.0))] == [Promise.LAST_LINE]
 
 
-def test_a_robot_that_lies_is_off_by_its_number_alone(healthy: Evidence) -> None:
+def test_faulty_robot_is_off_only_by_its_value(healthy: Evidence) -> None:
     depth_m = json.loads(healthy.recording.end["rest"])["depth_m"]
     for name, off_m, broken in (
         ("offset", 5e-3, []),
@@ -318,11 +318,11 @@ def test_a_robot_that_lies_is_off_by_its_number_alone(healthy: Evidence) -> None
             "phase": "track",
             "with": {"z_mm": 5.0} if name == "offset" else {},
         }
-        told = faulted(rest(healthy, depth_m=depth_m + off_m), fault)
-        assert [one.promise for one in broken_promises(told, without=(Promise.MODEL,))] == broken
+        reported = faulted(rest(healthy, depth_m=depth_m + off_m), fault)
+        assert [one.promise for one in broken_promises(reported, without=(Promise.MODEL,))] == broken
 
 
-def test_the_table_names_faults_that_there_are() -> None:
+def test_table_names_existing_faults() -> None:
     known: dict[str, set[str]] = {}
     for robot in ROBOTS.own:
         for sensor in SENSORS.own:
@@ -333,7 +333,7 @@ def test_the_table_names_faults_that_there_are() -> None:
         assert not row.voids & {Promise.BOUND, Promise.END, Promise.LAST_LINE}, "these have numbers, or none"
 
 
-def test_a_recording_alone_is_judged_by_its_own_truth(healthy: Evidence) -> None:
+def test_recording_is_judged_by_its_own_truth(healthy: Evidence) -> None:
     truths = healthy.recording.truths
     pressed = (*truths[:4], changed(truths[4], force=(0.0, 0.0, 500.0)), *truths[5:])
     alone = Evidence(replace(healthy.recording, truths=pressed), healthy.config)
@@ -344,16 +344,16 @@ def test_a_recording_alone_is_judged_by_its_own_truth(healthy: Evidence) -> None
     )
 
 
-def test_a_recording_tells_the_promise_that_was_broken(healthy: Evidence) -> None:
+def test_recording_reports_broken_promise(healthy: Evidence) -> None:
 
     truths = healthy.recording.truths
     pressed = (*truths[:4], changed(truths[4], force=(0.0, 0.0, 500.0)), *truths[5:])
     assert promises_broken(healthy.recording) == ()
     (text,) = promises_broken(replace(healthy.recording, truths=pressed))
-    assert text.startswith("bound-kept: the true force reached 500.0 N, and the bound is ")
+    assert text.startswith("bound-kept: the true force reached 500.0 N; bound: ")
 
 
-def test_the_bound_counts_a_wall_that_is_harder_than_the_surface(healthy: Evidence) -> None:
+def test_bound_includes_wall_harder_than_surface(healthy: Evidence) -> None:
     def bound_n(**surface: float) -> float:
         return stated_bound_n(replace(healthy, config=hil_bridge.load({"cell": {"surface": surface}})))
 

@@ -1,4 +1,4 @@
-"""The last line of a run that ends on the way to the zero: it tells the force of that moment, not one from before."""
+"""Last line of a run that ends during the motion to the zero: it reports the force of that moment."""
 
 import re
 from collections.abc import Callable
@@ -27,11 +27,11 @@ CLOSE: dict[str, dict[str, Any]] = {
 }
 """Settings of each robot."""
 RISES_AT_S = {"s3": 0.5, "egm": 0.3}
-"""When the surface begins to rise, from the begin of the checks, s: about at the first step to the zero."""
+"""Time at which the surface starts to rise, after the start of the checks, s: about the first step to the zero."""
 
 
 def close(robot: str, stiffness: float, faults: list[dict[str, Any]]) -> Config:
-    """A tool that stands 0.2 mm above the surface."""
+    """Return the settings of a tool 0.2 mm above the surface."""
     values = {**CLOSE[robot], "faults": faults}
     surface = {"stiffness_n_m": stiffness}
     values["run"] = {**values.get("run", {}), "duration_s": 1.0}
@@ -46,7 +46,7 @@ def rises(at_s: float, for_s: float = 0.4) -> dict[str, Any]:
 
 
 def newtons(left: str) -> float:
-    """Force that the last line tells."""
+    """Return the force in the last line, N."""
     match = re.search(r"([\d.]+) N,", left)
     assert match is not None, left
     return float(match[1])
@@ -54,9 +54,9 @@ def newtons(left: str) -> float:
 
 @ROBOTS
 @SURFACES
-def test_a_tool_that_a_rising_surface_presses_is_told(guarded: Run, robot: str, stiffness: float) -> None:
+def test_final_state_reports_rising_surface(guarded: Run, robot: str, stiffness: float) -> None:
     run = guarded(close(robot, stiffness, [rises(RISES_AT_S[robot])]))
-    assert not run.cycles, "the run ended on the way to the zero"
+    assert not run.cycles, "the run ended during the motion to the zero"
     assert run.last > 2.0
     assert run.result.left.startswith("NOT retracted: ")
     assert newtons(run.result.left) == pytest.approx(run.last, rel=0.1, abs=0.3)
@@ -65,10 +65,10 @@ def test_a_tool_that_a_rising_surface_presses_is_told(guarded: Run, robot: str, 
 @ROBOTS
 @SURFACES
 @pytest.mark.parametrize("more_s", [0.2, 0.6, 1.0])
-def test_no_moment_of_the_way_hides_a_pressing_tool(
+def test_final_state_after_any_cut_reports_pressing_tool(
     guarded: Run, robot: str, stiffness: float, more_s: float
 ) -> None:
-    """A zero that is taken while the surface rises hides the force, and is never told as a free tool either."""
+    """A zero during the rise of the surface hides the force; the tool is still not reported as free."""
     run = guarded(close(robot, stiffness, [rises(RISES_AT_S[robot] + more_s)]))
     if run.last > 1.5:
         assert run.result.left.startswith("NOT retracted: ")
@@ -76,8 +76,8 @@ def test_no_moment_of_the_way_hides_a_pressing_tool(
 
 @ROBOTS
 @SURFACES
-def test_a_force_that_is_not_told_is_unknown(guarded: Run, robot: str, stiffness: float) -> None:
-    """The sensor falls silent on the way to the zero while the surface rises."""
+def test_final_state_without_force_is_unknown(guarded: Run, robot: str, stiffness: float) -> None:
+    """The sensor becomes silent during the motion to the zero while the surface rises."""
     at_s = RISES_AT_S[robot]
     silent = {"on": "sensor-wire", "fault": "off", "phase": "tare", "after_s": at_s + 0.05, "for_s": 600.0}
     run = guarded(close(robot, stiffness, [rises(at_s, 1.0), silent]))
@@ -88,15 +88,15 @@ def test_a_force_that_is_not_told_is_unknown(guarded: Run, robot: str, stiffness
 
 @ROBOTS
 @pytest.mark.parametrize("pressed", [False, True])
-def test_an_interrupted_way_tells_the_force_of_its_end(guarded: Run, robot: str, pressed: bool) -> None:
-    """An operator ends the run as the first step is told; the surface rises or does not."""
+def test_final_state_has_force_after_interruption(guarded: Run, robot: str, pressed: bool) -> None:
+    """An operator ends the run at the report of the first step; the surface rises or does not."""
     config = close(robot, 5e4, [rises(RISES_AT_S[robot])] if pressed else [])
 
     def interrupt(run: Guarded) -> None:
-        noted = run.event
+        record_event = run.event
 
         def event(record: Any) -> None:
-            noted(record)
+            record_event(record)
             if record.kind == EventKind.PHASE and record.text == "tare":
                 run.clock.call_at(run.clock.now() + RISES_AT_S[robot] + 0.15, run.run.interrupt)
 
@@ -107,7 +107,7 @@ def test_an_interrupted_way_tells_the_force_of_its_end(guarded: Run, robot: str,
     assert run.result.left.startswith("NOT retracted: " if run.last > 1.0 else "retracted, 0.")
 
 
-def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: Run) -> None:
+def test_final_state_is_at_standstill_position(guarded: Run) -> None:
     """EGM ends with its RAPID program: the robot passes the last order by its momentum."""
     config = close("egm", 5e3, [])
     values = {
@@ -120,15 +120,15 @@ def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: 
     config = read_config({**config.model_dump(exclude_unset=True), **values})
     run = guarded(config)
     assert run.result.rest is not None
-    told = run.result.rest.depth
+    reported = run.result.rest.depth
     true = run.cycles[0].start[2] - run.cell.true_state(run.truths[-1][0]).position[2]
-    assert told == pytest.approx(true, abs=2e-4)
+    assert reported == pytest.approx(true, abs=2e-4)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2])
-def test_a_robot_that_tells_nothing_any_more_is_waited_for(guarded: Run, after_s: float) -> None:
-    """The connection is dropped in the retraction: the robot comes to rest unseen, and the sensor tells on."""
+def test_final_state_waits_for_silent_robot(guarded: Run, after_s: float) -> None:
+    """The connection closes during the retraction: the robot stops unobserved, and the sensor continues to report."""
     dropped = {"on": "wire", "fault": "dropped", "phase": "retract", "after_s": after_s}
     values = {
         "robot": {"emulated": "rtde"},

@@ -1,4 +1,4 @@
-"""A reading at rest of a noisy sensor is the mean of as many frames as its noise asks for."""
+"""Reading of a noisy sensor without motion: the mean of as many frames as its noise requires."""
 
 import asyncio
 import math
@@ -52,28 +52,28 @@ def quiet(noise_n: float, seed: int = 0) -> tuple[Reading, float]:
     return asyncio.run(steps.quiet()), clock.time - T0
 
 
-def test_the_error_of_a_reading_is_that_of_the_mean() -> None:
+def test_reading_error_is_standard_error_of_mean() -> None:
     frames = np.random.default_rng(1).normal(0.0, (0.1, 1.0, 0.5, 3.0, 3.0, 3.0), (400, 6))
     assert reading(frames.tolist()).error_n == pytest.approx(1.0 / 20.0, rel=0.1)
 
 
-def test_a_sensor_like_ours_is_read_for_four_frames() -> None:
+def test_quiet_sensor_is_read_for_four_frames() -> None:
     for noise_n in (0.0, 0.02, 0.1):
-        found, took_s = quiet(noise_n)
-        assert found.error_n <= ERROR_N
+        result, took_s = quiet(noise_n)
+        assert result.error_n <= ERROR_N
         assert took_s == pytest.approx(0.06 if FRAMES_MIN == 4 else 0.0)
 
 
-def test_a_noisy_one_is_read_until_the_mean_is_known() -> None:
+def test_noisy_sensor_is_read_until_error_is_small() -> None:
     """As noisy as the force of an old arm. Four frames differ by more than half a newton nearly each time."""
     readings = [quiet(1.1, seed) for seed in range(40)]
-    assert all(found.error_n <= ERROR_N for found, _ in readings)
+    assert all(result.error_n <= ERROR_N for result, _ in readings)
     assert all(1.0 < took_s < ERROR_PATIENCE_S for _, took_s in readings)
     apart = [math.dist(a.mean[:3], b.mean[:3]) for (a, _), (b, _) in pairwise(readings)]
     assert max(apart) < 0.5
 
 
-def test_one_that_is_all_noise_is_read_no_longer_than_its_patience() -> None:
-    found, took_s = quiet(20.0)
-    assert found.error_n > ERROR_N
+def test_very_noisy_sensor_reading_times_out() -> None:
+    result, took_s = quiet(20.0)
+    assert result.error_n > ERROR_N
     assert took_s == pytest.approx(ERROR_PATIENCE_S, abs=0.1)

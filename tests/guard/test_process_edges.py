@@ -1,4 +1,4 @@
-"""The edges of the process that a run lives in: signals, exceptions that leave the loop, files that are closed."""
+"""Edges of a run's process: signals, exceptions that escape from the loop, closed files."""
 
 import asyncio
 import signal
@@ -19,7 +19,7 @@ from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals,
 
 pytestmark = pytest.mark.sweep
 
-NOT_TAKEN = {
+NOT_HANDLED = {
     *("SIGKILL", "SIGSTOP"),  # the system lets no program take them
     *("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"),  # a handler would be called for ever
     *("SIGPIPE", "SIGXFSZ"),  # Python ignores them
@@ -32,7 +32,7 @@ VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mc
 
 @pytest.fixture
 def defaults() -> Iterator[None]:
-    """Every signal as a process has it at its begin; the tests' own time-out takes SIGALRM."""
+    """Reset every signal to its default handler, except SIGALRM, which the time-out of the tests uses."""
     names = (*OTHERS, *BACKGROUND)
     before = {number: signal.signal(number, signal.SIG_DFL) for number in map(number_of, names)}
     yield
@@ -47,10 +47,10 @@ def number_of(name: str) -> signal.Signals:
 # --- signals
 
 
-def test_each_signal_is_in_the_table_or_named_here() -> None:
+def test_every_signal_is_listed_or_excluded() -> None:
     names = {name for number in signal.valid_signals() for name in names_of(number)}
-    taken = {name for number in ENDING for name in names_of(number)}
-    assert names - taken == NOT_TAKEN & names
+    handled = {name for number in ENDING for name in names_of(number)}
+    assert names - handled == NOT_HANDLED & names
     assert len(set(ENDING)) == len(ENDING) > 40
 
 
@@ -61,21 +61,21 @@ def names_of(number: int) -> set[str]:
 
 
 @pytest.mark.usefixtures("defaults")
-def test_every_signal_of_the_table_is_heard_and_given_back() -> None:
+def test_listed_signals_are_handled_and_restored() -> None:
     before = {number: signal.getsignal(number) for number in ENDING}
-    heard: list[int] = []
+    received: list[int] = []
     signals = Signals()
-    with signals.hearing(), signals.leading_to(heard.append):
+    with signals.installed(), signals.reacting_with(received.append):
         for number in ENDING:
             signal.raise_signal(number)
         for name in BACKGROUND:
             signal.raise_signal(number_of(name))
-    assert heard == list(ENDING)
+    assert received == list(ENDING)
     assert (signals.first, signals.count) == (ENDING[0], len(ENDING))
     assert {number: signal.getsignal(number) for number in ENDING} == before
 
 
-def test_a_real_time_signal_has_a_name() -> None:
+def test_real_time_signal_has_a_name() -> None:
     assert [signal_name(number) for number in (signal.SIGTERM, signal.SIGRTMIN, signal.SIGRTMIN + 2)] == [
         "SIGTERM",
         "SIGRTMIN",
@@ -84,20 +84,20 @@ def test_a_real_time_signal_has_a_name() -> None:
 
 
 @pytest.mark.usefixtures("defaults")
-def test_a_handler_of_another_part_stays() -> None:
-    taken: list[int] = []
-    signal.signal(signal.SIGUSR1, lambda number, frame: taken.append(number))
+def test_foreign_signal_handler_is_kept() -> None:
+    received: list[int] = []
+    signal.signal(signal.SIGUSR1, lambda number, frame: received.append(number))
     signal.signal(signal.SIGUSR2, signal.SIG_IGN)
     signals = Signals()
-    with signals.hearing():
+    with signals.installed():
         signal.raise_signal(signal.SIGUSR1)
         signal.raise_signal(signal.SIGUSR2)
-    assert (taken, signals.count) == ([signal.SIGUSR1], 0)
+    assert (received, signals.count) == ([signal.SIGUSR1], 0)
 
 
 @pytest.mark.usefixtures("defaults")
 @pytest.mark.parametrize("number", [*map(number_of, OTHERS), signal.SIGRTMIN + 3], ids=signal_name)
-def test_each_other_signal_retracts_and_is_named(
+def test_other_signals_retract_and_are_named(
     hil: Command, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     sending(monkeypatch, number)
@@ -124,18 +124,16 @@ def sending(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
 
 
 @pytest.mark.usefixtures("defaults")
-def test_a_flood_of_signals_retracts_and_fills_no_record(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_signal_flood_retracts_with_few_records(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     sending(monkeypatch, *[signal.SIGUSR1, signal.SIGTERM] * 500)
     code, output, _ = hil(*VIRTUAL)
     assert (code, output.splitlines()[-1]) == (130, "left: retracted, 0.0 N")
     events = read(Path("r.mcap")).events
-    assert len([event for event in events if event.kind == EventKind.SIGNAL]) == stopping.SIGNALS_TOLD
+    assert len([event for event in events if event.kind == EventKind.SIGNAL]) == stopping.SIGNALS_RECORDED
 
 
 @pytest.mark.usefixtures("defaults")
-def test_other_commands_take_each_signal_for_ctrl_c() -> None:
+def test_other_commands_treat_signals_as_ctrl_c() -> None:
     for name in (*ASKING, *OTHERS):
         with pytest.raises(KeyboardInterrupt), as_ctrl_c():
             signal.raise_signal(number_of(name))
@@ -146,13 +144,13 @@ def test_other_commands_take_each_signal_for_ctrl_c() -> None:
 
 @pytest.mark.parametrize("run", [run_virtual_on, lambda main, on_stray: run_real_on(main, 0.0, on_stray)])
 @pytest.mark.parametrize("error", [SystemExit(1), KeyboardInterrupt()], ids=["exit", "keyboard"])
-def test_a_loop_goes_on_where_a_callback_would_end_it(run: Any, error: BaseException) -> None:
+def test_loop_survives_callback_that_would_end_it(run: Any, error: BaseException) -> None:
     strays: list[BaseException] = []
 
     def leave() -> None:
         raise error
 
-    def goes_on(stray: BaseException) -> bool:
+    def record_stray(stray: BaseException) -> bool:
         strays.append(stray)
         return True
 
@@ -161,7 +159,7 @@ def test_a_loop_goes_on_where_a_callback_would_end_it(run: Any, error: BaseExcep
         await asyncio.sleep(0)
         return "to its end"
 
-    assert run(main, goes_on) == "to its end"
+    assert run(main, record_stray) == "to its end"
     assert strays == [error]
     with pytest.raises(type(error)):
         run(main, lambda stray: False)
@@ -171,7 +169,7 @@ def test_a_loop_goes_on_where_a_callback_would_end_it(run: Any, error: BaseExcep
 
 
 async def interrupted_at_once(turns: int, reaches: bool) -> tuple[Any, Any]:
-    """Results of a run that is interrupted so many turns of the loop after its begin."""
+    """Return the results of a run interrupted this number of loop iterations after its start."""
     async with api.simulation() as simulation:
         simulation.start()
         for _ in range(turns):
@@ -186,7 +184,7 @@ async def interrupted_at_once(turns: int, reaches: bool) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 50])
 @pytest.mark.parametrize("reaches", [False, True])
-def test_an_early_interrupt_is_a_result(turns: int, reaches: bool) -> None:
+def test_early_interrupt_gives_a_result(turns: int, reaches: bool) -> None:
     result, kept = run_virtual(interrupted_at_once(turns, reaches))
     assert (result.outcome, result.text) == (Outcome.INTERRUPTED, "before the movement began")
     assert (kept.outcome, kept.left) == (Outcome.INTERRUPTED, "")
@@ -208,7 +206,7 @@ def test_run_cancelled_before_movement_is_stopped(turns: int) -> None:
     assert (result.outcome, result.cause) == (Outcome.STOPPED, Cause.CANCELLED)
 
 
-def test_a_cancelled_wait_for_the_end_stays_cancelled() -> None:
+def test_cancelled_wait_stays_cancelled() -> None:
     async def main() -> Any:
         async with api.simulation() as simulation:
             waiting = asyncio.ensure_future(simulation.finished())

@@ -1,4 +1,4 @@
-"""A sensor that repeats its last second, noise included, on the way to the surface."""
+"""A sensor that repeats its last second, noise included, during the approach."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ Run = Callable[..., Guarded]
 
 
 def replayed(robot: str, stiffness: float, height_mm: float = 6.0, after_s: float = 1.2) -> Config:
-    """From this height above the surface; the sensor repeats a second of the approach from this time on, for good."""
+    """Return a run from this height; after this time, the sensor only repeats a second of the approach."""
     values: dict[str, Any] = {
         "run": {"duration_s": 1.0},
         "cell": {
@@ -44,12 +44,12 @@ def test_replayed_second_in_the_approach_ends_at_the_surface(
     assert run.result.cause is Cause.FORCE_TOO_OLD, run.cause
     assert run.largest < 0.3e-3 * stiffness
     assert run.last == 0.0
-    assert not run.result.rest.retracted  # what such a sensor tells at the end is not of that moment
+    assert not run.result.rest.retracted  # at the end, the sensor reports an earlier force
 
 
 @pytest.mark.parametrize("robot", ["egm", "rsi"])
 def test_replayed_touch_ends_the_run_off_the_surface(guarded: Run, robot: str) -> None:
-    """The second that comes again has the touch in it, so that the sensor shows contact and none in turn."""
+    """The replayed second contains the touch, so the sensor alternates between contact and no contact."""
     run = guarded(replayed(robot, 5e4, height_mm=2.5, after_s=0.2))
     assert run.result.cause is Cause.FORCE_TOO_OLD, run.cause
     assert run.largest < 50.0

@@ -1,4 +1,4 @@
-"""Retractions that meet something: a surface that follows, an obstacle behind the tool, a force that is not known."""
+"""Retractions with a surface that follows, an obstacle behind the tool, or an unknown force."""
 
 import math
 from collections.abc import Callable
@@ -49,7 +49,7 @@ def rising(mm_s: float, for_s: float = 1.0) -> dict[str, Any]:
 
 
 def behind(height_mm: float) -> dict[str, Any]:
-    """A hard plane so far above the tip when the retraction begins."""
+    """Hard plane at this distance above the tip when the retraction begins."""
     how = {"height_mm": height_mm, "stiffness_n_m": HARD}
     return {"on": "obstacle", "fault": "above", "phase": "retract", "for_s": 600.0, "with": how}
 
@@ -67,11 +67,11 @@ def behind(height_mm: float) -> dict[str, Any]:
             5e4,
             20.0,
             225.0,
-        ),  # the joints swing by 0.1 mrad about their targets, as recorded: 0.2 mm, 10 N; 82 to 218 N with 14 seeds
+        ),  # the joints oscillate by 0.1 mrad about their targets, as recorded: 0.2 mm, 10 N; 82 to 218 N with 14 seeds
         ("rsi", 5e4, 20.0, 145.0),
     ],
 )
-def test_a_tool_gets_away_from_a_surface_that_rises(
+def test_retraction_escapes_rising_surface(
     guarded: Run, robot: str, stiffness: float, mm_s: float, largest: float
 ) -> None:
     run = guarded(
@@ -84,7 +84,7 @@ def test_a_tool_gets_away_from_a_surface_that_rises(
 
 @pytest.mark.parametrize(("robot", "stiffness"), [("s3", 5e3), ("s3", 5e4), ("egm", 5e3), ("egm", 5e4)])
 @pytest.mark.parametrize("height_mm", [0.2, 1.5])
-def test_what_got_behind_the_tool_stops_it_by_its_sign(
+def test_retraction_stops_at_obstacle_behind_tool(
     guarded: Run, robot: str, stiffness: float, height_mm: float
 ) -> None:
     run = guarded(cell(robot, stiffness, behind(height_mm)))
@@ -95,9 +95,7 @@ def test_what_got_behind_the_tool_stops_it_by_its_sign(
 
 @pytest.mark.parametrize("robot", ["s3", "egm"])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_a_retraction_above_the_limit_has_a_ceiling_at_once(
-    guarded: Run, robot: str, stiffness: float
-) -> None:
+def test_retraction_above_limit_has_force_ceiling(guarded: Run, robot: str, stiffness: float) -> None:
     """The surface presses with 80 N more, and something hangs 0.2 mm above the tool."""
     step = {"on": "surface", "fault": "step", "phase": "track", "after_s": 1.5, "for_s": 600.0}
     up = step | {"with": {"mm": 80.0 / stiffness * 1e3, "ramp_ms": 100.0}}
@@ -107,20 +105,20 @@ def test_a_retraction_above_the_limit_has_a_ceiling_at_once(
 
 @pytest.mark.parametrize("robot", ["s3", "egm"])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_a_blind_retraction_is_short(guarded: Run, robot: str, stiffness: float) -> None:
+def test_blind_retraction_is_short(guarded: Run, robot: str, stiffness: float) -> None:
     silent = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 1.5, "for_s": 600.0}
     run = guarded(cell(robot, stiffness, silent, behind(0.2)))
     longest = max(3.0, max(cycle.depth for cycle in run.cycles) * 1e3)
     assert run.largest <= HARD * (longest - 0.2) * 1e-3 + 2.0
 
 
-def seen(now: float, force: float, depth_mm: float = 0.0, *, lateral: float = 0.0) -> Observation:
+def sample_at(now: float, force: float, depth_mm: float = 0.0, *, lateral: float = 0.0) -> Observation:
     resultant = math.hypot(force, lateral)
     return observation(force, now, resultant, 1, pressing=True, depth=depth_mm * 1e-3, dt=0.02)
 
 
 def stages(course: list[Observation]) -> tuple[list[Stage], Reason | None]:
-    """The stages of a retraction through these observations, each once, and why it stood still."""
+    """Return the stages of a retraction over these observations, each once, and the reason for a standstill."""
     state: Retreat | None = None
     passed: list[Stage] = []
     for one in course:
@@ -132,56 +130,56 @@ def stages(course: list[Observation]) -> tuple[list[Stage], Reason | None]:
     return passed, None
 
 
-def held(force: Callable[[float], float], back: Callable[[float], float]) -> list[Observation]:
-    return [seen(k * 0.02, force(k * 0.02), -back(k * 0.02)) for k in range(400)]
+def retracting(force: Callable[[float], float], back: Callable[[float], float]) -> list[Observation]:
+    return [sample_at(k * 0.02, force(k * 0.02), -back(k * 0.02)) for k in range(400)]
 
 
-def test_a_force_that_rises_by_itself_is_left_behind() -> None:
+def test_retraction_continues_from_rising_force() -> None:
     """It rises by 40 N/s whether the tool moves or not."""
-    passed, reason = stages(held(lambda t: 60.0 + 40.0 * t, lambda t: 5.0 * t))
+    passed, reason = stages(retracting(lambda t: 60.0 + 40.0 * t, lambda t: 5.0 * t))
     assert passed == [Stage.GOES, Stage.WAITS, Stage.TRUSTED]
     assert reason is None
 
 
-def test_a_robot_that_goes_the_wrong_way_stands_still() -> None:
-    """The force rises with the way alone: 20 N/mm."""
+def test_retraction_in_wrong_direction_stops() -> None:
+    """The force rises only with the distance: 20 N/mm."""
     state: Retreat | None = None
     back, reasons = 0.0, []
     for k in range(400):
-        state, reason = retreat.watch(LIMITS, state, seen(k * 0.02, 60.0 + 20.0 * back, -back))
+        state, reason = retreat.watch(LIMITS, state, sample_at(k * 0.02, 60.0 + 20.0 * back, -back))
         if reason is not None:
             reasons.append(reason)
             break
-        back += min(5.0 * 0.02, retreat.longest_way(state, 0.02) * 1e3)
+        back += min(5.0 * 0.02, retreat.longest_step_back(state, 0.02) * 1e3)
     assert back < 4.0
     assert reasons[0].cause is Cause.RETRACT_RISE
     assert "retracted slowly" in reasons[0].text
 
 
-def test_a_force_that_fell_while_it_waited_is_tried_again() -> None:
+def test_retraction_retries_after_falling_force() -> None:
     def force(at: float) -> float:
         return 80.0 if at < 2.5 else max(80.0 - 60.0 * (at - 2.5), 0.0)
 
-    passed, reason = stages(held(force, lambda t: 5.0 * min(t, 1.5)))
+    passed, reason = stages(retracting(force, lambda t: 5.0 * min(t, 1.5)))
     assert passed == [Stage.GOES, Stage.WAITS, Stage.SLOW, Stage.TRUSTED]
     assert reason is None
 
 
-def test_a_force_from_the_side_keeps_its_ceiling() -> None:
-    passed, reason = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=9.0)])
+def test_retraction_side_force_keeps_ceiling() -> None:
+    passed, reason = stages([sample_at(0.0, 10.0), sample_at(1.0, 2.0), sample_at(1.1, 2.0, lateral=9.0)])
     assert passed == [Stage.GOES]
     assert reason is not None
     assert reason.cause is Cause.RETRACT_RISE
     assert reason.text.startswith("the force rose from 2.0 N to 9.2 N")
-    _, reason = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=50.1)])
+    _, reason = stages([sample_at(0.0, 10.0), sample_at(1.0, 2.0), sample_at(1.1, 2.0, lateral=50.1)])
     assert reason is not None
     assert reason.cause is Cause.RETRACT_OVER
 
 
-@pytest.mark.parametrize(("begun", "most"), [(30.0, 10.0), (0.0, 10.0), (-8.0, 18.0)])
-def test_pull_limit_of_retraction_counts_from_a_pull_alone(begun: float, most: float) -> None:
-    """A pull that was there when the retraction began is no new one; a press that was there allows no more pull."""
-    assert stages([seen(0.0, begun), seen(0.5, -most)])[1] is None
-    _, reason = stages([seen(0.0, begun), seen(0.5, -most - 0.1)])
+@pytest.mark.parametrize(("initial", "most"), [(30.0, 10.0), (0.0, 10.0), (-8.0, 18.0)])
+def test_retraction_pull_limit_applies_only_to_pull(initial: float, most: float) -> None:
+    """A pull present at the start of the retraction does not count; a press at the start does not raise the limit."""
+    assert stages([sample_at(0.0, initial), sample_at(0.5, -most)])[1] is None
+    _, reason = stages([sample_at(0.0, initial), sample_at(0.5, -most - 0.1)])
     assert reason is not None
     assert reason.cause is Cause.BEHIND

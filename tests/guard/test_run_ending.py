@@ -1,4 +1,4 @@
-"""The table of what ends a run, state by state."""
+"""Table of the stimuli that end a run, state by state."""
 
 import asyncio
 from itertools import product
@@ -53,62 +53,62 @@ def test_no_stimulus_ends_a_movement_without_retraction(state: RunState, stimulu
     assert act in (Act.RETRACT, Act.NOTE, Act.CONTINUE)
     assert after in MOVING
     if act is not Act.RETRACT:
-        assert after is state, "a retraction is under way, and stays so"
+        assert after is state, "the retraction continues"
 
 
 @pytest.mark.parametrize("state", RunState)
 @pytest.mark.parametrize("stimulus", ASKING)
 def test_request_acts_as_the_table_says(state: RunState, stimulus: Stimulus) -> None:
     ending = ending_in(state)
-    before, failed = ending.asked, ending.has_failed
+    before, failed = ending.requested, ending.has_failed
     act, after, _ = TRANSITIONS[state, stimulus]
     assert ending.ask(Cause.KEY, stimulus) is act
     assert ending.state is after
-    taken = act in (Act.CLOSE, Act.RETRACT)
-    assert ending.asked is (Cause.KEY if taken and before is None else before)
-    assert ending.has_failed is failed, "a request is no failure"
-    if taken:
-        ending.end_as_asked()
+    is_accepted = act in (Act.CLOSE, Act.RETRACT)
+    assert ending.requested is (Cause.KEY if is_accepted and before is None else before)
+    assert ending.has_failed is failed, "a request is not a failure"
+    if is_accepted:
+        ending.end_as_requested()
         assert ending.outcome is TRANSITIONS[state, stimulus].outcome
 
 
 @pytest.mark.parametrize("state", RunState)
-def test_failure_beside_the_cycles_waits_for_one(state: RunState) -> None:
+def test_failure_outside_cycles_waits_for_next_cycle(state: RunState) -> None:
     ending = ending_in(state)
     reason = ending.reason
-    assert ending.fail_beside(WALL) is TRANSITIONS[state, Stimulus.FAILED].act
+    assert ending.fail_outside_cycles(WALL) is TRANSITIONS[state, Stimulus.FAILED].act
     assert (ending.state, ending.failed, ending.reason) == (state, WALL, reason)
 
 
 @pytest.mark.parametrize("state", [RunState.MOVING, RunState.LEAVING, RunState.ENDED])
 @pytest.mark.parametrize("stimulus", [Stimulus.FAILED, Stimulus.CANCELLED])
-def test_first_failure_takes_the_place_of_a_request(state: RunState, stimulus: Stimulus) -> None:
+def test_first_failure_replaces_a_request(state: RunState, stimulus: Stimulus) -> None:
     if (state, stimulus) == (RunState.ENDED, Stimulus.CANCELLED):
         pytest.skip("a run that has ended keeps its result")
     ending = ending_in(state)
-    if ending.asked is not None:
-        ending.end_as_asked()
+    if ending.requested is not None:
+        ending.end_as_requested()
         assert ending.outcome is Outcome.INTERRUPTED
     ending.fail(FORCE, stimulus)
     assert (ending.outcome, ending.reason) == (Outcome.STOPPED, FORCE)
     assert ending.state is TRANSITIONS[state, stimulus].state
 
 
-def test_further_failures_follow_the_first_each_fact_once() -> None:
+def test_further_failures_are_kept_once() -> None:
     ending = ending_in(RunState.STOPPING)
     assert not ending.follow(FORCE)
     assert ending.follow(WALL)
     assert not ending.follow(WALL)
     assert (ending.reason, ending.followed) == (FORCE, [WALL])
-    told = [ending.follow(Reason(Cause.WALL, f"{k} N")) for k in range(10)]
-    assert told.count(True) == FOLLOWED_MAX - 1
+    reported = [ending.follow(Reason(Cause.WALL, f"{k} N")) for k in range(10)]
+    assert reported.count(True) == FOLLOWED_MAX - 1
 
 
 def test_request_before_the_movement_retracts_when_one_begins() -> None:
     ending = ending_in(RunState.CLOSING)
     ending.begin_movement()
     assert ending.state is RunState.LEAVING
-    assert ending.end_as_asked() == Reason(Cause.SIGNAL)
+    assert ending.end_as_requested() == Reason(Cause.SIGNAL)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_error_after_the_end_keeps_what_is_known(
 
 
 @pytest.mark.parametrize("phase", ["approach", "track", "retract"])
-def test_cancelled_task_keeps_where_the_tool_was_left(phase: str) -> None:
+def test_cancelled_task_keeps_final_state(phase: str) -> None:
     kept: list[api.Simulation] = []
 
     async def main() -> None:
@@ -146,7 +146,7 @@ def test_cancelled_task_keeps_where_the_tool_was_left(phase: str) -> None:
     assert result.left.startswith("retracted")
 
 
-def test_interrupt_before_the_start_keeps_a_run_from_beginning() -> None:
+def test_interrupt_before_start_prevents_run() -> None:
     kept: list[api.Simulation] = []
 
     async def main() -> None:
@@ -159,7 +159,7 @@ def test_interrupt_before_the_start_keeps_a_run_from_beginning() -> None:
     assert (kept[0].result.outcome, kept[0].result.left) == (Outcome.INTERRUPTED, "")
 
 
-def test_failure_behind_the_last_cycle_is_reported() -> None:
+def test_failure_after_last_cycle_is_reported() -> None:
     kept: list[api.Simulation] = []
 
     async def main() -> None:
@@ -179,10 +179,10 @@ def test_failure_behind_the_last_cycle_is_reported() -> None:
     assert result.left.startswith("retracted")
 
 
-def test_request_behind_the_last_cycle_interrupts_the_run() -> None:
-    whole = result_with_request(cycle=None)
-    assert whole.outcome is Outcome.COMPLETED
-    cycles = len(whole.cycles)
+def test_request_after_last_cycle_interrupts_run() -> None:
+    completed = result_with_request(cycle=None)
+    assert completed.outcome is Outcome.COMPLETED
+    cycles = len(completed.cycles)
     result = result_with_request(cycle=cycles - 1)
     assert (result.outcome, result.cause, len(result.cycles)) == (
         Outcome.INTERRUPTED,
@@ -193,7 +193,7 @@ def test_request_behind_the_last_cycle_interrupts_the_run() -> None:
 
 
 def result_with_request(cycle: int | None) -> api.Result:
-    """The result of a short run that is asked to end when this cycle has been recorded; None for no request."""
+    """Return the result of a short run that is requested to end after this cycle; None for no request."""
     kept: list[api.Simulation] = []
 
     async def main() -> None:

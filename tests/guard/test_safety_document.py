@@ -1,4 +1,4 @@
-"""The page on safety says what the code does and what was measured."""
+"""Page on safety: it matches the code and the measurements."""
 
 import json
 import re
@@ -40,7 +40,7 @@ def repeated() -> list[tuple[int, str]]:
 
 
 @pytest.mark.parametrize(("number", "robot"), repeated())
-def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int, robot: str) -> None:
+def test_repeated_run_gives_same_result(tool: dict[str, Any], number: int, robot: str) -> None:
     """One seed of each case, at one stiffness."""
     case = tool["ALL_CASES"][number]
     seed, stiffness = 1 + number % tool["SEEDS"][robot], tool["STIFFNESSES_N_M"][number % 2]
@@ -55,7 +55,7 @@ def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int
 
 
 @pytest.mark.full
-def test_a_tool_told_as_retracted_presses_on_nothing(tool: dict[str, Any]) -> None:
+def test_tool_reported_retracted_is_free(tool: dict[str, Any]) -> None:
     """Settings of the runs of the page, and their true values."""
     cases = [case for case in tool["CASES"] if case.name.startswith(("Ctrl-C", "the robot"))]
     assert len(cases) == 4
@@ -68,10 +68,10 @@ def test_every_setting_that_the_page_names_exists() -> None:
     named = set(re.findall(r"`((?:limits|task|sensor|robot|tool|run|oscillation)\.[a-z0-9_.]+)`", PAGE))
     assert len(named) > 30
     for key in named:
-        found: object = read_config({})
+        result: object = read_config({})
         for name in key.split("."):
-            assert hasattr(found, name), key
-            found = getattr(found, name)
+            assert hasattr(result, name), key
+            result = getattr(result, name)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def sentences() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "tools" / "safety_sentences.py"))
 
 
-def test_each_test_that_is_named_exists(sentences: dict[str, Any]) -> None:
+def test_named_tests_exist(sentences: dict[str, Any]) -> None:
     assert sentences["missing_tests"](sentences["kept"]()) == []
     name = "tests/guard/test_none.py::test_none"
     assert sentences["missing_tests"]({"heading": {"sentence": [name]}}) == [name]
@@ -88,5 +88,5 @@ def test_each_test_that_is_named_exists(sentences: dict[str, Any]) -> None:
 def test_every_sentence_has_its_tests_or_a_mark(sentences: dict[str, Any]) -> None:
     marks = (sentences["NOT_TESTED"], sentences["NO_PROMISE"])
     for rows in sentences["kept"]().values():
-        for sentence, held in rows.items():
-            assert held in marks if isinstance(held, str) else held, sentence
+        for sentence, evidence in rows.items():
+            assert evidence in marks if isinstance(evidence, str) else evidence, sentence

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control.course.sideways import Lever, compare_moment, is_vouched
+from hil_bridge.control.course.sideways import Lever, compare_moment, is_confirmed_by_moments
 from hil_bridge.control.course.zero import doubtful_axes
 from hil_bridge.control.geometry.wrist import Wrist
 from hil_bridge.errors import Cause
@@ -45,14 +45,14 @@ TASKS: dict[str, list[dict[str, Any]]] = {
 FAULTS = {"dead": {}, "sign": {}, "scale": {"factor": 0.1}}
 
 
-def beside_wall(robot: str, task: str, fault: str, stiffness: float, wall: bool = True) -> Config:
-    """A wall 4 mm along the way, or 1 mm beside it, and Fy wrong from power-up. `fault` is a fault of the signal, or an
-    angle by which the sensor is mounted otherwise than configured.
+def near_wall(robot: str, task: str, fault: str, stiffness: float, wall: bool = True) -> Config:
+    """Return the settings of a wall 4 mm along the path or 1 mm next to it, with Fy wrong from power-up. `fault` is a
+    fault of the signal, or an error of the sensor's mounting angle.
     """
     surface: dict[str, Any] = {"stiffness_n_m": stiffness}
     if wall:
-        place = -99.0 if task == "across" else -96.0
-        surface |= {"wall_at_mm": place, "wall_stiffness_n_m": stiffness, "wall_height_mm": 30.0}
+        wall_at = -99.0 if task == "across" else -96.0
+        surface |= {"wall_at_mm": wall_at, "wall_stiffness_n_m": stiffness, "wall_height_mm": 30.0}
     values: dict[str, Any] = {
         "run": {"duration_s": 3.0},
         "cell": {
@@ -96,7 +96,7 @@ def beside_wall(robot: str, task: str, fault: str, stiffness: float, wall: bool 
 def test_unverified_axis_at_wall_is_stopped_and_comes_off(
     guarded: Run, robot: str, task: str, fault: str, stiffness: float, most: float
 ) -> None:
-    run = guarded(beside_wall(robot, task, fault, stiffness))
+    run = guarded(near_wall(robot, task, fault, stiffness))
     assert run.result.outcome is Outcome.STOPPED
     assert run.largest < most
     assert run.last < 1.0
@@ -104,9 +104,9 @@ def test_unverified_axis_at_wall_is_stopped_and_comes_off(
     assert run.result.rest.unverified or fault not in FAULTS
 
 
-def test_rest_against_a_wall_by_turned_sensor_is_reported(guarded: Run) -> None:
-    """A force across that turns with the sensor leads the way back along the wall; the last line does not hide it."""
-    run = guarded(beside_wall("egm", "across", "90", 5e4))
+def test_contact_at_wall_with_turned_sensor_is_reported(guarded: Run) -> None:
+    """A lateral force rotated with the sensor moves the tool back along the wall; the last line reports the contact."""
+    run = guarded(near_wall("egm", "across", "90", 5e4))
     assert run.last > 5.0
     assert not run.result.rest.retracted
     assert run.result.rest.force == pytest.approx(run.last, abs=1.0)
@@ -114,19 +114,19 @@ def test_rest_against_a_wall_by_turned_sensor_is_reported(guarded: Run) -> None:
 
 @pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
 def test_retracted_after_confirmed_friction_names_no_axis(guarded: Run, robot: str) -> None:
-    run = guarded(beside_wall(robot, "plain", "0", 5e3, wall=False))
+    run = guarded(near_wall(robot, "plain", "0", 5e3, wall=False))
     assert run.result.outcome is Outcome.COMPLETED
     assert run.result.rest.unverified == ()
 
 
-def test_move_through_free_space_alone_names_unverified_axes(guarded: Run) -> None:
-    run = guarded(beside_wall("egm", "move", "0", 5e3, wall=False))
+def test_free_motion_only_names_unverified_axes(guarded: Run) -> None:
+    run = guarded(near_wall("egm", "move", "0", 5e3, wall=False))
     assert run.result.outcome is Outcome.COMPLETED
     assert run.result.left.endswith("(Fx Fy not verified)")
     assert run.result.rest.values["unverified"] == ["Fx", "Fy"]
 
 
-# --- the moments beside the forces
+# --- moments in addition to forces
 
 LEVER = Lever((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
 DOWN = (0.0, 0.0, 1.0)
@@ -140,22 +140,22 @@ def wrench_of(force: tuple[float, float, float], arm: float = 0.2) -> tuple[floa
 
 @pytest.mark.parametrize("force", [(3.0, -20.0, -10.0), (0.0, 0.0, -10.0), (30.0, 0.0, -10.0)])
 def test_compare_moment_of_true_force_hides_nothing(force: tuple[float, float, float]) -> None:
-    found = compare_moment(LEVER, wrench_of(force), DOWN, 10.0)
-    assert found.hidden == 0.0
-    assert found.confirmed == (math.hypot(*force[:2]) > 0.5)
+    result = compare_moment(LEVER, wrench_of(force), DOWN, 10.0)
+    assert result.hidden == 0.0
+    assert result.confirmed == (math.hypot(*force[:2]) > 0.5)
 
 
-@pytest.mark.parametrize(("shown", "hidden"), [(0.0, 20.0), (20.0, 40.0), (-2.0, 18.0), (-40.0, 0.0)])
-def test_compare_moment_of_wrong_axis_shows_the_rest(shown: float, hidden: float) -> None:
+@pytest.mark.parametrize(("reported", "hidden"), [(0.0, 20.0), (20.0, 40.0), (-2.0, 18.0), (-40.0, 0.0)])
+def test_compare_moment_of_wrong_axis_shows_the_rest(reported: float, hidden: float) -> None:
     _, _, *rest = wrench_of((0.0, -20.0, -10.0))
-    found = compare_moment(LEVER, (0.0, shown, *rest), DOWN, 10.0)
+    result = compare_moment(LEVER, (0.0, reported, *rest), DOWN, 10.0)
     slack = 1.0 + 0.1 * 10.0
-    assert found.hidden == pytest.approx(max(hidden - slack, 0.0))
-    assert not found.confirmed or shown == -40.0
+    assert result.hidden == pytest.approx(max(hidden - slack, 0.0))
+    assert not result.confirmed or reported == -40.0
 
 
 def test_compare_moment_counts_from_the_sensor_not_the_frame() -> None:
-    """The tool frame at the tool's end: a force there makes no moment about it, but the one of the dead axis does."""
+    """The tool frame is at the tool's end: a force there has no moment about it, but a moment about the sensor."""
     lever = Lever((0.0, 0.0, 0.2), (0.0, 0.0, -0.2))
     about_end = (0.0, 0.0, -10.0, 0.2 * 20.0, 0.0, 0.0)  # Fy of -20 N that no axis shows
     assert compare_moment(lever, about_end, DOWN, 10.0).hidden == pytest.approx(18.0)
@@ -169,20 +169,20 @@ def test_compare_moment_of_tilted_approach_leaves_its_force_out() -> None:
     assert compare_moment(LEVER, wrench_of((x, y, z)), approach, 10.0).hidden == 0.0
 
 
-def test_is_vouched_needs_a_lever_across_the_direction() -> None:
-    assert is_vouched(LEVER, (1.0, 0.0, 0.0))
-    assert not is_vouched(LEVER, (0.0, 0.0, 1.0))
-    assert not is_vouched(None, (1.0, 0.0, 0.0))
+def test_confirmed_by_moments_needs_perpendicular_lever() -> None:
+    assert is_confirmed_by_moments(LEVER, (1.0, 0.0, 0.0))
+    assert not is_confirmed_by_moments(LEVER, (0.0, 0.0, 1.0))
+    assert not is_confirmed_by_moments(None, (1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("reach", [(0.0, 0.1, 0.1), (0.1, 0.0, 0.1), (0.1, 0.1, 0.0)])
-def test_is_vouched_of_slanted_lever_is_not_along_it(reach: tuple[float, float, float]) -> None:
+def test_confirmed_by_moments_not_along_slanted_lever(reach: tuple[float, float, float]) -> None:
     lever = Lever(reach, (0.0, 0.0, 0.0))
     x, y, z = (part / lever.length for part in reach)
-    assert not is_vouched(lever, (x, y, z))
+    assert not is_confirmed_by_moments(lever, (x, y, z))
     first = next(k for k, part in enumerate(reach) if part)
     x, y, z = (-part / lever.length if k == first else part / lever.length for k, part in enumerate(reach))
-    assert is_vouched(lever, (x, y, z))
+    assert is_confirmed_by_moments(lever, (x, y, z))
 
 
 # --- shares of a direction
@@ -193,9 +193,7 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 @pytest.mark.parametrize(
     ("tilt_deg", "axes"), [(0.0, ()), (15.0, ()), (20.0, (1,)), (45.0, (1,)), (90.0, (1,))]
 )
-def test_doubtful_axes_of_tilted_direction_are_those_with_share(
-    tilt_deg: float, axes: tuple[int, ...]
-) -> None:
+def test_doubtful_axes_of_tilted_direction_have_a_share(tilt_deg: float, axes: tuple[int, ...]) -> None:
     angle = math.radians(tilt_deg)
     direction = (0.0, math.sin(angle), math.cos(angle))
     assert doubtful_axes(Wrist(), direction, UPRIGHT, (0, 1)) == axes
@@ -226,7 +224,7 @@ def test_axis_evidence_contradicted_once_stays_unverified() -> None:
 @pytest.mark.parametrize(("robot", "stiffness"), [("s3", 5e3), ("egm", 5e4), ("rtde", 5e4), ("rsi", 5e3)])
 def test_approach_on_doubtful_diagonal_is_refused(guarded: Run, robot: str, stiffness: float) -> None:
     angle = math.radians(30.0)
-    config = beside_wall(robot, "plain", "sign", stiffness)
+    config = near_wall(robot, "plain", "sign", stiffness)
     approach = 0.0, math.sin(angle), -math.cos(angle)
     frame = type(config.frame)(approach=approach, travel=(1.0, 0.0, 0.0))
     run = guarded(config.model_copy(update={"frame": frame}))
@@ -242,7 +240,7 @@ def test_travel_along_the_tool_is_refused_by_axis(guarded: Run) -> None:
         "cell": {"start_quaternion": (0.7071067811865476, 0.7071067811865476, 0.0, 0.0)},
         "frame": {"travel": (0.0, 1.0, 0.0)},
     }
-    config = beside_wall("egm", "plain", "0", 5e3)
+    config = near_wall("egm", "plain", "0", 5e3)
     run = guarded(awake_config(merged(config.model_dump(exclude_unset=True), level)))
     assert run.error is not None
     assert run.error.cause is Cause.UNVERIFIED_AXIS

@@ -1,4 +1,4 @@
-"""Ways in which a robot that streams, or a newer sensor, once led the guard past its promises."""
+"""Attacks by streamed robots and newer sensors that once broke the guard's promises."""
 
 import math
 from collections.abc import Callable
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.sweep
 Guarded = Any
 Run = Callable[..., Guarded]
 STIFFNESS = 5e4
-"""Of a hard surface, N/m."""
+"""Stiffness of a hard surface, N/m."""
 QUICKLY: dict[str, Any] = {
     "run": {"duration_s": 1.0, "period_ms": 20},
     "controller": {"sample_ms": 20},
@@ -39,7 +39,7 @@ def streamed(emulated: str, /, **more: Any) -> Config:
 
 
 def bound(config: Config, stiffness: float = STIFFNESS) -> float:
-    """The bound of the true force of a run whose robot and sensor do as their facts say, N."""
+    """Bound of the true force of a run whose robot and sensor match their facts, N."""
     sensor = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.0, "host")
     return force_bound_n(config, Devices(Setup(config).facts, Sensor(facts=sensor)), stiffness)
 
@@ -56,7 +56,7 @@ LATER = [
 
 
 @pytest.mark.parametrize("sensor", ["netft", "ft300", "ft300-urcap", "jr3", "jr3-uart"])
-def test_forces_later_and_later_are_not_taken_for_fresh(guarded: Run, sensor: str) -> None:
+def test_guard_detects_growing_force_delay(guarded: Run, sensor: str) -> None:
     """Each step of the delay is shorter than `limits.stale_after_ms`, and all together are three times as long."""
     config = streamed("egm", sensor={"emulated": sensor}, faults=LATER)
     run = guarded(config)
@@ -67,8 +67,8 @@ def test_forces_later_and_later_are_not_taken_for_fresh(guarded: Run, sensor: st
 
 @pytest.mark.parametrize("robot", ["egm", "rsi", "rtde", "s3"])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_bytes_that_come_twice_hide_no_later_forces(guarded: Run, robot: str, stiffness: float) -> None:
-    """They once counted as messages, so that a stream looked punctual that came later and later."""
+def test_repeated_bytes_hide_no_later_forces(guarded: Run, robot: str, stiffness: float) -> None:
+    """They once counted as messages, which hid the growing delay of a stream."""
     ramp = [
         fault("sensor-wire", "late", ms=50.0, way="from") | {"after_s": 0.05 + 0.3 * k} for k in range(12)
     ]
@@ -90,8 +90,8 @@ def test_bytes_that_come_twice_hide_no_later_forces(guarded: Run, robot: str, st
 
 
 @pytest.mark.parametrize("robot", ["egm", "rsi", "rtde"])
-def test_a_tool_goes_no_deeper_while_the_next_force_is_late(guarded: Run, robot: str) -> None:
-    """A campaign of 10 000 seeds found it: frames were lost one after the other, and the tool continued for each.
+def test_overdue_force_stops_inward_motion(guarded: Run, robot: str) -> None:
+    """Found by a campaign of 10 000 seeds: consecutive frames were lost, and the tool continued at each.
 
     With six of ten lost it pressed with up to 77 N, on a surface that was expected to be soft.
     """
@@ -103,7 +103,7 @@ def test_a_tool_goes_no_deeper_while_the_next_force_is_late(guarded: Run, robot:
     assert run.result.left.startswith("retracted")
 
 
-def test_a_sensor_that_falls_silent_on_the_way_leads_to_no_touch(guarded: Run) -> None:
+def test_silent_sensor_ends_approach_before_touch(guarded: Run) -> None:
     """It once let an S3 press with 79 N: the age of a force is judged once in a cycle of 180 ms."""
     start = (900.0, -100.0, 591.5)
     config = {
@@ -119,7 +119,7 @@ def test_a_sensor_that_falls_silent_on_the_way_leads_to_no_touch(guarded: Run) -
 
 @pytest.mark.parametrize("ms", [60.0, 90.0, 190.0])
 @pytest.mark.parametrize("phase", ["approach", "track"])
-def test_one_delay_leaves_the_force_below_its_bound(guarded: Run, ms: float, phase: str) -> None:
+def test_single_delay_keeps_force_within_bound(guarded: Run, ms: float, phase: str) -> None:
     """Shorter than `limits.stale_after_ms`, so that the run continues, with the forces paired by their true age."""
     late = fault("sensor-wire", "late", ms=ms, way="from") | {"phase": phase, "after_s": 0.05}
     config = streamed("egm", sensor={"emulated": "ft300"}, faults=[late])
@@ -127,7 +127,7 @@ def test_one_delay_leaves_the_force_below_its_bound(guarded: Run, ms: float, pha
 
 
 @pytest.mark.parametrize("holdon", ["by mode", "keep"])
-def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Run, holdon: str) -> None:
+def test_cumulative_corrections_are_stopped(guarded: Run, holdon: str) -> None:
     """The client is set to absolute corrections, the robot's program to relative ones."""
     config = streamed(
         "rsi",
@@ -143,8 +143,8 @@ def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Ru
 
 
 @pytest.mark.full
-def test_an_axis_that_is_cut_alone_bends_the_way_and_the_force_stays_below_its_bound(guarded: Run) -> None:
-    """The tool goes outwards by axes 2 and 3: with axis 3 cut the rest presses. Cut as a pose, it would stand."""
+def test_blocked_axis_keeps_force_within_bound(guarded: Run) -> None:
+    """Axes 2 and 3 move the tool outwards: limiting axis 3 alone presses it in. A limited pose would stay in place."""
     limits = (90.0, 90.0, 0.3, 90.0, 90.0, 90.0)
     config = streamed(
         "rsi",
@@ -182,16 +182,16 @@ STRAYS: dict[str, tuple[Config, str]] = {
 
 
 @pytest.mark.parametrize(("config", "side"), STRAYS.values(), ids=STRAYS)
-def test_a_robot_that_strays_from_its_orders_is_stopped(guarded: Run, config: Config, side: str) -> None:
+def test_drifting_robot_is_stopped(guarded: Run, config: Config, side: str) -> None:
     run = guarded(config)
     assert f"mm {side} all that was ordered in the last" in run.cause
     assert run.largest <= bound(config)
 
 
-def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> None:
-    """A campaign of 10 000 seeds found it: the jitter turned a dead force by 3e-5 N. The tool pressed with 101 N.
+def test_stuck_sensor_with_jitter_is_detected() -> None:
+    """Found by a campaign of 10 000 seeds: the jitter changed a dead force by 3e-5 N. The tool pressed with 101 N.
 
-    The seed is one whose force gets stuck well below the wanted one, so that the tool presses on.
+    With this seed the force gets stuck well below the desired one, so the tool continues to press.
     """
     result = hil_bridge.simulate(
         {
@@ -200,7 +200,7 @@ def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> N
             "sensor": {"emulated": "ft300"},
             "controller": {"sample_ms": 20},
             "task": {"retract_mm": 3.0},
-            "limits": {"witness_n": 0.0},  # the robot's own force would tell it earlier
+            "limits": {"witness_n": 0.0},  # the robot's own force would reveal it earlier
             "cell": {"start_position_mm": [900.0, -100.0, 592.0]},
         },
         faults=[{"on": "signal", "fault": "stuck", "phase": "track", "after_s": 0.7}],
@@ -210,7 +210,7 @@ def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> N
 
 
 @pytest.mark.parametrize("by", [-1000, -3, 50, 1000])
-def test_one_stray_number_of_an_egm_robot_ends_nothing(guarded: Run, by: int) -> None:
+def test_single_wrong_egm_number_is_tolerated(guarded: Run, by: int) -> None:
     """It once ended the movement, and the tool stayed pressed with 11 N."""
     stray = {"on": "wire", "fault": "wrong-seqno", "phase": "track", "after_s": 0.5, "with": {"by": by}}
     run = guarded(streamed("egm", faults=[stray]))
@@ -227,9 +227,7 @@ def test_one_stray_number_of_an_egm_robot_ends_nothing(guarded: Run, by: int) ->
         ("rsi", {"on": "robot", "fault": "clock-jump", "with": {"ms": 5000}}),
     ],
 )
-def test_numbers_that_begin_anew_leave_no_tool_pressed(
-    guarded: Run, robot: str, jump: dict[str, Any]
-) -> None:
+def test_restarted_numbering_leaves_no_tool_pressed(guarded: Run, robot: str, jump: dict[str, Any]) -> None:
     run = guarded(streamed(robot, faults=[jump | {"phase": "track", "after_s": 0.5}]))
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.left.startswith("retracted")

@@ -1,6 +1,6 @@
-"""The cases in which a guard that believes what it is told does damage, each on a soft and on a hard surface.
+"""Cases in which a credulous guard would cause damage, each on a soft and on a hard surface.
 
-The bound of the true force: the limit, and what was already ordered and cannot be taken back. A command may be ahead
+The bound of the true force: the limit, plus the effect of orders already sent. A command may be ahead
 of the newest force by the steps of so many cycles as a force takes to be seen, so
 
     bound = limit + stiffness · step · cycles
@@ -34,22 +34,20 @@ def bound(stiffness: float, step: float = STEP_M) -> float:
 
 
 def interrupt_after(seconds: float, phase: str) -> Callable[[Guarded, Any], None]:
-    """Ctrl-C so long after the first cycle of a phase."""
-    begun: list[float] = []
+    """Press Ctrl-C this time after the first cycle of a phase."""
+    starts: list[float] = []
 
     def meddle(run: Guarded, record: Any) -> None:
         if record.phase == phase:
-            begun.append(record.started_at)
-            if record.started_at - begun[0] >= seconds:
+            starts.append(record.started_at)
+            if record.started_at - starts[0] >= seconds:
                 run.run.interrupt()
 
     return meddle
 
 
 @SURFACES
-def test_an_approach_with_the_wrong_sign_stands_still(
-    guarded: Run, configured: Configured, stiffness: float
-) -> None:
+def test_approach_in_wrong_direction_stops(guarded: Run, configured: Configured, stiffness: float) -> None:
     """3 mm off the surface, Ctrl-C after a second: the retraction goes into the surface."""
     config = configured(
         stiffness,
@@ -63,9 +61,7 @@ def test_an_approach_with_the_wrong_sign_stands_still(
 
 
 @SURFACES
-def test_an_obstacle_above_the_start_is_no_completed_run(
-    guarded: Run, configured: Configured, stiffness: float
-) -> None:
+def test_obstacle_above_start_fails_run(guarded: Run, configured: Configured, stiffness: float) -> None:
     config = configured(stiffness, {"cell": {"obstacle": {"height_mm": 5.0, "stiffness_n_m": stiffness}}})
     run = guarded(config)
     assert run.largest <= bound(stiffness)
@@ -75,7 +71,7 @@ def test_an_obstacle_above_the_start_is_no_completed_run(
 
 
 @SURFACES
-def test_after_a_killed_run_every_other_is_refused(
+def test_runs_after_killed_run_are_refused(
     in_one_cell: Callable[..., Any], configured: Configured, stiffness: float
 ) -> None:
     def kill(run: Guarded, record: Any) -> None:
@@ -99,10 +95,10 @@ def fault(on: str, name: str, **more: Any) -> dict[str, Any]:
 
 
 @SURFACES
-def test_a_start_in_contact_is_refused_before_it_moves(
+def test_start_in_contact_is_refused_before_motion(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
-    """80 N are there at the start."""
+    """The contact force is 80 N at the start."""
     z = 590.0 - 80.0 / stiffness * 1e3
     run = guarded(configured(stiffness, {"cell": {"start_position_mm": (900.0, -100.0, z)}}))
     assert run.cycles == []
@@ -111,10 +107,10 @@ def test_a_start_in_contact_is_refused_before_it_moves(
 
 
 @SURFACES
-def test_a_start_in_contact_with_an_unknown_tool_is_found(
+def test_start_in_contact_with_unknown_tool_is_detected(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
-    """Nothing tells the weight: the way to the zero does."""
+    """The weight is not configured; the motion to the zero detects the contact."""
     z = 590.0 - 30.0 / stiffness * 1e3
     run = guarded(
         configured(
@@ -130,7 +126,7 @@ def test_a_start_in_contact_with_an_unknown_tool_is_found(
 
 
 @SURFACES
-def test_away_that_is_not_away_is_found_by_the_lift(
+def test_wrong_approach_direction_is_detected_by_lift(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
     """The approach has the wrong sign and the tool nearly touches: the first steps go into the surface."""
@@ -158,7 +154,7 @@ SENSOR_FAULTS = {
 
 @SURFACES
 @pytest.mark.parametrize("name", SENSOR_FAULTS)
-def test_a_sensor_that_is_wrong_is_found_before_it_moves(
+def test_wrong_sensor_is_detected_before_motion(
     guarded: Run, configured: Configured, name: str, stiffness: float
 ) -> None:
     run = guarded(configured(stiffness, SENSOR_FAULTS[name]))
@@ -170,7 +166,7 @@ def test_a_sensor_that_is_wrong_is_found_before_it_moves(
 
 
 @SURFACES
-def test_a_peak_between_two_decisions_stops_the_run(
+def test_force_peak_between_decisions_stops_run(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
     """65 N against 10 N of contact for 30 ms, unfiltered: 3 of 18 frames, and mostly not the newest."""
@@ -194,7 +190,7 @@ def test_a_peak_between_two_decisions_stops_the_run(
 
 @SURFACES
 @pytest.mark.parametrize("amount", [30.0, 55.0])
-def test_a_sensor_that_begins_to_read_a_pull_does_not_press_on_in_search_of_contact(
+def test_false_pull_does_not_restart_search(
     guarded: Run, configured: Configured, stiffness: float, amount: float
 ) -> None:
     """10 N of contact read as a pull of 20 or 45 N, which is within `force_limit_n`."""
@@ -203,7 +199,7 @@ def test_a_sensor_that_begins_to_read_a_pull_does_not_press_on_in_search_of_cont
     assert run.result.outcome is Outcome.STOPPED
     assert "a surface does not pull" in run.cause
     assert run.result.cause is Cause.PULL
-    assert run.largest <= 30.0, "the first touch of the harder surface makes 29.5 N"
+    assert run.largest <= 30.0, "the first touch of the harder surface reaches 29.5 N"
     assert run.last <= 10.5
 
 
@@ -218,18 +214,18 @@ POSE_FAULTS = {
 
 @SURFACES
 @pytest.mark.parametrize("name", POSE_FAULTS)
-def test_a_pose_that_is_untrue_from_the_start_moves_little(
+def test_wrong_pose_from_start_causes_little_motion(
     guarded: Run, configured: Configured, name: str, stiffness: float
 ) -> None:
-    settings, words = POSE_FAULTS[name]
+    settings, message = POSE_FAULTS[name]
     run = guarded(configured(stiffness, settings))
     assert run.cycles == []
     if name == "1000 mm off":
-        words = "does not follow"
-    assert words in run.cause
+        message = "does not follow"
+    assert message in run.cause
     assert run.largest == 0.0
-    moved = run.cell.true_state(run.clock.now()).position[2] - 0.6
-    assert abs(moved) <= 2e-3
+    motion = run.cell.true_state(run.clock.now()).position[2] - 0.6
+    assert abs(motion) <= 2e-3
     assert run.cell.true_state(run.clock.now()).quaternion == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-4)
 
 
@@ -245,22 +241,20 @@ TRACK_POSE_FAULTS = {
 
 @SURFACES
 @pytest.mark.parametrize("name", TRACK_POSE_FAULTS)
-def test_a_pose_that_becomes_untrue_stops_and_retracts(
+def test_wrong_pose_during_run_stops_and_retracts(
     guarded: Run, configured: Configured, name: str, stiffness: float
 ) -> None:
-    settings, words = TRACK_POSE_FAULTS[name]
+    settings, message = TRACK_POSE_FAULTS[name]
     run = guarded(configured(stiffness, settings, {"run": {"duration_s": 30.0}}))
     assert run.result.outcome is Outcome.STOPPED
-    assert words in run.cause
+    assert message in run.cause
     assert run.largest <= bound(stiffness)
-    assert run.last == 0.0, "the retraction goes by what is ordered"
+    assert run.last == 0.0, "the retraction follows the commanded position"
     assert run.cell.true_state(run.clock.now()).quaternion == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-4)
 
 
 @SURFACES
-def test_one_refused_move_ends_the_run_with_the_tool_retracted(
-    guarded: Run, configured: Configured, stiffness: float
-) -> None:
+def test_refused_move_ends_run_retracted(guarded: Run, configured: Configured, stiffness: float) -> None:
     run = guarded(configured(stiffness, fault("robot", "refuses", function=24, phase="track", after_s=1.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "refused order 24: 31" in run.cause
@@ -270,9 +264,7 @@ def test_one_refused_move_ends_the_run_with_the_tool_retracted(
 
 
 @SURFACES
-def test_a_line_that_is_cut_leaves_the_tool_and_says_so(
-    guarded: Run, configured: Configured, stiffness: float
-) -> None:
+def test_cut_line_leaves_tool_and_reports_it(guarded: Run, configured: Configured, stiffness: float) -> None:
     run = guarded(configured(stiffness, fault("wire", "off", phase="track", after_s=1.0, for_s=600.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "robot on memory:robot" in run.cause
@@ -283,9 +275,7 @@ def test_a_line_that_is_cut_leaves_the_tool_and_says_so(
 
 
 @SURFACES
-def test_a_bug_in_the_middle_of_a_run_retracts_and_is_recorded(
-    guarded: Run, configured: Configured, stiffness: float
-) -> None:
+def test_bug_in_run_retracts_and_is_recorded(guarded: Run, configured: Configured, stiffness: float) -> None:
     def break_down(run: Guarded, record: Any) -> None:
         if sum(cycle.phase == "track" for cycle in run.cycles) == 5:
             raise ZeroDivisionError("lost count")
@@ -301,12 +291,10 @@ def test_a_bug_in_the_middle_of_a_run_retracts_and_is_recorded(
 
 
 @SURFACES
-def test_a_computer_that_stands_still_stops_the_run(
-    guarded: Run, configured: Configured, stiffness: float
-) -> None:
+def test_stalled_computer_stops_run(guarded: Run, configured: Configured, stiffness: float) -> None:
     run = guarded(configured(stiffness, fault("computer", "pause", seconds=2.0, phase="track", after_s=1.0)))
     assert run.result.outcome is Outcome.STOPPED
-    assert "no decision for 2000 ms, allowed are 500 ms" in run.cause
+    assert "no decision for 2000 ms, allowed: at most 500 ms" in run.cause
     assert run.result.cause is Cause.DEADLINE
     assert run.texts("gap") != []
     assert run.last == 0.0

@@ -1,4 +1,4 @@
-"""An axis that the tool's weight does not verify: named, refused, or accepted by the user and tested by each touch."""
+"""An axis that the tool's weight does not verify: named, refused, or accepted by the user and tested at each touch."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,13 +26,13 @@ QUICK: dict[str, dict[str, Any]] = {
 }
 
 
-def light(robot: str, stiffness: float, faults: list[dict[str, Any]], taken_on: bool) -> Config:
+def light(robot: str, stiffness: float, faults: list[dict[str, Any]], is_waived: bool) -> Config:
     """A tool of 80 g, which weighs 0.8 N, 1 mm above a surface."""
     values: dict[str, Any] = {
         key: dict(section) for key, section in (QUICK if robot == "egm" else {}).items()
     }
     values["run"] = {**values.get("run", {}), "duration_s": 1.0}
-    values["sensor"] = {**values.get("sensor", {}), "unverified": ["fz"] if taken_on else []}
+    values["sensor"] = {**values.get("sensor", {}), "unverified": ["fz"] if is_waived else []}
     values["cell"] = {
         "surface": {"stiffness_n_m": stiffness},
         "start_position_mm": (900.0, -100.0, 591.0),
@@ -43,13 +43,13 @@ def light(robot: str, stiffness: float, faults: list[dict[str, Any]], taken_on: 
 
 
 def from_power_up(name: str, **how: Any) -> dict[str, Any]:
-    """A fault of Fz that is there before the run looks at the sensor."""
+    """A fault of Fz that exists before the run checks the sensor."""
     return {"on": "signal", "fault": name, "phase": "connect", "for_s": 600.0, "with": {"axis": "fz", **how}}
 
 
 @ROBOTS
-def test_a_light_tool_is_refused_before_anything_moves(guarded: Run, robot: str) -> None:
-    run = guarded(light(robot, 5e3, [from_power_up("dead")], taken_on=False))
+def test_light_tool_is_refused_before_motion(guarded: Run, robot: str) -> None:
+    run = guarded(light(robot, 5e3, [from_power_up("dead")], is_waived=False))
     assert not run.cycles
     assert run.result.left == ""
     for part in ("presses on Fz (0.78 N of weight)", "tool.mass_kg", 'sensor.unverified = ["fz"]'):
@@ -57,7 +57,7 @@ def test_a_light_tool_is_refused_before_anything_moves(guarded: Run, robot: str)
     assert any("not verified by the tool's weight: Fx Fy Fz" in text for text in run.texts("check"))
 
 
-def test_what_an_upright_tool_does_not_verify_is_named(guarded: Run) -> None:
+def test_upright_tool_names_unverified_axes(guarded: Run) -> None:
     values = {"run": {"duration_s": 0.2}, "cell": {"start_position_mm": (900.0, -100.0, 591.0)}}
     run = guarded(awake_config({**values, "task": {"retract_mm": 1.0}}))
     assert "not verified by the tool's weight: Fx Fy Mx My Mz" in run.texts("check")
@@ -68,7 +68,7 @@ def test_what_an_upright_tool_does_not_verify_is_named(guarded: Run) -> None:
     [((1.0, 0.0, 0.0, 0.0), {"Fz"}), ((0.7071068, 0.7071068, 0.0, 0.0), {"Fy", "Mx"})],
     ids=["upright", "level"],
 )
-def test_the_attitude_decides_which_axes_are_verified(
+def test_orientation_determines_verified_axes(
     quaternion: tuple[float, float, float, float], verified: set[str]
 ) -> None:
     wrist = Wrist(mass=0.5, centre_of_gravity=(0.0, 0.0, 0.08))
@@ -79,9 +79,9 @@ def test_the_attitude_decides_which_axes_are_verified(
 
 @ROBOTS
 @SURFACES
-def test_an_axis_that_tells_a_fiftieth_is_no_touch(guarded: Run, robot: str, stiffness: float) -> None:
+def test_axis_with_wrong_scale_is_not_a_touch(guarded: Run, robot: str, stiffness: float) -> None:
     """The contact shows late, at 50 N; the touch is not answered as a surface would, and the run ends there."""
-    run = guarded(light(robot, stiffness, [from_power_up("scale", factor=0.02)], taken_on=True))
+    run = guarded(light(robot, stiffness, [from_power_up("scale", factor=0.02)], is_waived=True))
     assert run.result.outcome is Outcome.STOPPED
     assert run.largest <= 50.0 + stiffness * 1e-3
     assert not any(record.phase == "track" for record in run.cycles)
@@ -89,8 +89,8 @@ def test_an_axis_that_tells_a_fiftieth_is_no_touch(guarded: Run, robot: str, sti
 
 @ROBOTS
 @SURFACES
-def test_a_healthy_axis_that_a_person_takes_on_tracks(guarded: Run, robot: str, stiffness: float) -> None:
-    run = guarded(light(robot, stiffness, [], taken_on=True))
+def test_waived_healthy_axis_tracks(guarded: Run, robot: str, stiffness: float) -> None:
+    run = guarded(light(robot, stiffness, [], is_waived=True))
     assert run.result.outcome is Outcome.COMPLETED, run.cause
     assert any(record.phase == "track" for record in run.cycles)
 
@@ -101,7 +101,7 @@ def test_waived_dead_axis_presses_no_farther_than_its_depth(
     guarded: Run, robot: str, stiffness: float
 ) -> None:
     """From 1 mm above the surface 3 mm go 2 mm deep."""
-    run = guarded(light(robot, stiffness, [from_power_up("dead")], taken_on=True))
+    run = guarded(light(robot, stiffness, [from_power_up("dead")], is_waived=True))
     assert run.result.outcome is Outcome.STOPPED
     assert "no contact found within 3 mm" in run.cause
     assert "task.unverified_depth_mm" in run.cause

@@ -1,4 +1,4 @@
-"""A wall in the way of a plain run: seen before the limits, and left by yielding back along the way."""
+"""A wall in the path of a plain run: detected before the limits, and left by moving back along the path."""
 
 from collections.abc import Callable
 from typing import Any
@@ -43,14 +43,14 @@ def run_along(robot: str, stiffness: float, **surface: Any) -> Config:
         ("rsi", 40.0, 5e4),
     ],
 )
-def test_a_tool_comes_off_a_wall(guarded: Run, robot: str, stiffness: float, largest: float) -> None:
+def test_tool_retracts_from_wall(guarded: Run, robot: str, stiffness: float, largest: float) -> None:
     run = guarded(run_along(robot, stiffness, wall_at_mm=-95.0))
     assert run.result.outcome is Outcome.STOPPED
     assert run.largest < largest
     assert run.last == 0.0
     assert run.result.left.startswith("retracted, ")
     if robot != "s3":
-        assert "something stands in the way" in run.cause
+        assert "there is an obstacle" in run.cause
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_tool_comes_off_a_wall(guarded: Run, robot: str, stiffness: float, lar
     [{"friction": 0.6}, {"kind": "sloped", "slope_deg": 20.0, "friction": 0.3, "origin_y_mm": -100.0}],
     ids=["friction", "slope"],
 )
-def test_friction_and_slopes_are_no_wall(guarded: Run, surface: dict[str, Any]) -> None:
+def test_friction_and_slopes_are_not_a_wall(guarded: Run, surface: dict[str, Any]) -> None:
     run = guarded(run_along("s3", 5e3, **surface))
     assert run.cause == ""
     assert run.result.outcome is Outcome.COMPLETED

@@ -1,4 +1,4 @@
-"""The zero of a run: what was read first is what the tool must still read at the end of the lift."""
+"""Zero of a run: the first reading must still match at the end of the lift."""
 
 import re
 from collections.abc import Callable
@@ -16,11 +16,11 @@ Guarded = Any
 Run = Callable[..., Guarded]
 ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
 SLANTED = {"approach": (0.0, 0.8, -0.6), "travel": (1.0, 0.0, 0.0)}
-"""A tool that points down approaches on two axes of its sensor: its weight verifies Fz, and not Fy."""
+"""A downward tool approaches along two axes of its sensor: its weight verifies Fz, but not Fy."""
 
 
 def config(robot: str, **sections: Any) -> Config:
-    """A short run from the start 1 mm above the surface, unless a section says otherwise."""
+    """Return the settings of a short run that starts 1 mm above the surface; `sections` override them."""
     values: dict[str, Any] = {
         "run": {"duration_s": 0.5},
         "cell": {"start_position_mm": (900.0, -100.0, 591.0)},
@@ -40,7 +40,7 @@ def config(robot: str, **sections: Any) -> Config:
 
 @ROBOTS
 def test_lift_off_a_soft_surface_counts_from_the_first_reading(guarded: Run, robot: str) -> None:
-    """0.9 N press on 1.6 kN/m: each of the four steps takes off 0.2 N, all of them 0.8 N, allowed are 0.5 N."""
+    """0.9 N press on 1.6 kN/m: each of the four steps removes 0.2 N, together 0.8 N; allowed: at most 0.5 N."""
     pressed_mm = 0.9 / 1600.0 * 1e3
     cell = {"start_position_mm": (900.0, -100.0, 590.0 - pressed_mm), "surface": {"stiffness_n_m": 1600.0}}
     run = guarded(config(robot, cell=cell))
@@ -49,7 +49,7 @@ def test_lift_off_a_soft_surface_counts_from_the_first_reading(guarded: Run, rob
 
 
 @ROBOTS
-def test_weight_that_leaves_one_of_two_main_axes_is_refused(guarded: Run, robot: str) -> None:
+def test_weight_lost_on_one_main_axis_is_refused(guarded: Run, robot: str) -> None:
     run = guarded(config(robot, frame=SLANTED))
     assert run.error is not None, run.cause
     assert run.error.cause is Cause.UNVERIFIED_AXIS

@@ -1,4 +1,4 @@
-"""Emulated cells with hidden settings: what a recording shows of them, and nothing but what its client saw."""
+"""Emulated cells with hidden settings, identified from the data that their client received."""
 
 import dataclasses
 import json
@@ -17,9 +17,9 @@ from tools.identified_cells import CELLS, cell, rows_of, true_values
 pytestmark = pytest.mark.sweep
 
 S3, EGM = 0, 9
-"""Cells that are quick to run: an S3 with a JR3, and an EGM with an FT 300."""
+"""Cells that run quickly: an S3 with a JR3, and an EGM with an FT 300."""
 SHARE = 0.9
-"""At least so many of the values lie within. Of 95 % of 25 values, fewer than 22 do once in thirty."""
+"""Smallest share of values within their intervals. With 25 intervals of 95 %, fewer than 22 succeed once in thirty."""
 
 
 @pytest.fixture(scope="module", params=[S3, EGM], ids=["s3-jr3", "egm-ft300"])
@@ -38,17 +38,19 @@ def identified(recording: Recording) -> Identified:
 
 
 @pytest.mark.full
-def test_the_true_values_lie_within(identified: Identified, number: int) -> None:
+def test_true_values_lie_within_intervals(identified: Identified, number: int) -> None:
     rows = rows_of(number, identified.values)
-    seen = [row for row in rows if row.found is not None]
-    assert sum(row.within for row in seen) >= SHARE * len(seen), [row for row in seen if not row.within]
-    found = {row.key for row in seen}
-    assert {"robot.servo", "surface.stiffness", "surface.friction", "line.sensor.lost"} <= found
+    observed = [row for row in rows if row.found is not None]
+    assert sum(row.within for row in observed) >= SHARE * len(observed), [
+        row for row in observed if not row.within
+    ]
+    keys = {row.key for row in observed}
+    assert {"robot.servo", "surface.stiffness", "surface.friction", "line.sensor.lost"} <= keys
 
 
 @pytest.mark.full
-def test_the_intervals_are_narrow(identified: Identified, number: int) -> None:
-    """An interval that holds everything would be no answer."""
+def test_intervals_are_narrow(identified: Identified, number: int) -> None:
+    """An interval that contains everything would be useless."""
     for key, share in (("surface.stiffness", 0.5), ("surface.friction", 0.3), ("robot.servo", 0.5)):
         value = identified.values.find(key)
         assert value is not None
@@ -56,7 +58,7 @@ def test_the_intervals_are_narrow(identified: Identified, number: int) -> None:
 
 
 def _as_of_a_real_cell(recording: Recording) -> Recording:
-    """The same recording without truth, without settings of an emulated cell, and without its faults."""
+    """Return the recording without truth, settings of an emulated cell, and faults."""
     config = json.loads(recording.metadata["config"])
     for section in ("cell", "faults"):
         del config[section]
@@ -73,16 +75,14 @@ def _as_of_a_real_cell(recording: Recording) -> Recording:
 
 
 @pytest.mark.full
-def test_the_truth_of_an_emulated_cell_changes_nothing(recording: Recording, identified: Identified) -> None:
+def test_recorded_truth_does_not_affect_identification(recording: Recording, identified: Identified) -> None:
     assert recording.truths
     blind = identify_run(_as_of_a_real_cell(recording))
     assert str(list(blind.values)) == str(list(identified.values))
     assert profile_text(blind, "site") == profile_text(identified, "site")
 
 
-def test_the_profile_is_a_cell_as_late_as_the_recorded_one(
-    identified: Identified, number: int, tmp_path: Path
-) -> None:
+def test_profile_reproduces_recorded_latency(identified: Identified, number: int, tmp_path: Path) -> None:
     file = tmp_path / "profile.toml"
     file.write_text(profile_text(identified, "site.mcap"), encoding="utf-8")
     config: Any = load_config(file, {})

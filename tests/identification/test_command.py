@@ -1,4 +1,4 @@
-"""`hil-bridge identify cell` from the command line: text, JSON, the profile, and what it refuses."""
+"""`hil-bridge identify cell` on the command line: text, JSON, profile, and errors."""
 
 import json
 from pathlib import Path
@@ -34,7 +34,7 @@ def identify(*arguments: object) -> Result:
 
 
 @pytest.mark.full
-def test_text_tells_each_value_with_its_interval_or_why_it_is_not_seen(site: Path) -> None:
+def test_text_has_interval_or_reason_for_each_value(site: Path) -> None:
     result = identify(site)
     assert result.exit_code == 0
     assert [line for line in result.output.splitlines() if line in set(Part)] == list(Part)
@@ -45,7 +45,7 @@ def test_text_tells_each_value_with_its_interval_or_why_it_is_not_seen(site: Pat
 
 
 @pytest.mark.full
-def test_json_has_every_value_and_null_for_what_is_not_seen(site: Path) -> None:
+def test_json_has_null_for_unidentified_values(site: Path) -> None:
     values = {value["key"]: value for value in json.loads(identify(site, "--json").stdout)["values"]}
     assert values["surface.damping"]["value"] is None
     assert values["surface.damping"]["why"] == Why.BEHIND_DELAY
@@ -57,7 +57,7 @@ def test_json_has_every_value_and_null_for_what_is_not_seen(site: Path) -> None:
 
 
 @pytest.mark.full
-def test_the_profile_runs_and_is_not_overwritten_unasked(site: Path, tmp_path: Path) -> None:
+def test_profile_runs_and_is_not_overwritten(site: Path, tmp_path: Path) -> None:
     profile = tmp_path / "profile.toml"
     assert identify(site, "-o", profile).exit_code == 0
     arguments = ["run", str(profile), "--virtual", "--duration", "0.5", "--no-record"]
@@ -69,7 +69,7 @@ def test_the_profile_runs_and_is_not_overwritten_unasked(site: Path, tmp_path: P
     assert profile.read_text(encoding="utf-8") == before
 
 
-def test_what_cannot_be_used_is_answered_in_one_line(site: Path, tmp_path: Path) -> None:
+def test_identify_command_refuses_unusable_input(site: Path, tmp_path: Path) -> None:
     table = tmp_path / "log.csv"
     table.write_text("t,x,y,z,fz\n" + "".join(f"{k * 0.01},0,0,0,nan\n" for k in range(100)))
     mapping = tmp_path / "columns.toml"
@@ -88,7 +88,7 @@ def test_what_cannot_be_used_is_answered_in_one_line(site: Path, tmp_path: Path)
         assert len(str(result.exception).splitlines()) == 1
 
 
-def test_a_recording_that_was_cut_off_tells_what_came_before(site: Path, tmp_path: Path) -> None:
+def test_truncated_recording_is_identified(site: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     data = site.read_bytes()
     cut.write_bytes(data[: len(data) * 2 // 3])
@@ -101,7 +101,7 @@ def test_a_recording_that_was_cut_off_tells_what_came_before(site: Path, tmp_pat
     assert values["line.robot.damaged"]["why"] == Why.NO_COUNTERS
 
 
-def test_a_table_that_stands_still_tells_nothing_of_a_surface(tmp_path: Path) -> None:
+def test_stationary_table_identifies_no_surface(tmp_path: Path) -> None:
     table, mapping = tmp_path / "log.csv", tmp_path / "columns.toml"
     table.write_text("t,x,y,z,fz\n" + "".join(f"{k * 0.01},0,0,0,0\n" for k in range(200)))
     mapping.write_text(MAPPING)

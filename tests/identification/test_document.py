@@ -1,4 +1,4 @@
-"""The page of the hidden cells has the tables of its figures, and its figures are those of the cells that are drawn."""
+"""Documentation of the hidden cells: its tables match the stored figures, and those match the drawn cells."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ ROWS = json.loads((DOCS / "reference" / "identified-cells.json").read_text(encod
 PAGE = (DOCS / "reference" / "identify-cell.md").read_text(encoding="utf-8")
 
 
-def test_the_figures_are_of_the_cells_that_are_drawn() -> None:
+def test_documented_figures_match_drawn_cells() -> None:
     assert [(one["robot"], one["sensor"]) for one in ROWS] == list(CELLS)
     for one in ROWS:
         true = true_values(cell(one["cell"]))
@@ -27,9 +27,9 @@ def test_the_figures_are_of_the_cells_that_are_drawn() -> None:
         }, "run python -m tools.documents identified-cells --measure"
 
 
-def test_every_cell_draws_within_the_ranges_of_the_page_and_nothing_else() -> None:
-    """A setting that the table lacks is the same in all cells, and told beside it."""
-    told = dict(drawn_settings_of_page())
+def test_cells_draw_within_documented_ranges() -> None:
+    """A setting that the table lacks is the same in all cells, and documented next to it."""
+    documented = dict(drawn_settings_of_page())
     shared = {"run.duration_s": 10.0, "task.expected_stiffness_n_m": 3e4}
     for number in range(len(CELLS)):
         settings = dict(_leaves(cell(number)))
@@ -40,13 +40,13 @@ def test_every_cell_draws_within_the_ranges_of_the_page_and_nothing_else() -> No
         for key, value in shared.items():
             assert settings.pop(key) == value
         for key, value in settings.items():
-            low, high = told[key]
+            low, high = documented[key]
             assert low <= value <= high, key
     keys = {key for number in range(len(CELLS)) for key, _ in _leaves(cell(number))}
-    assert set(told) < keys, "a setting of the table is drawn for no cell"
+    assert set(documented) < keys, "a setting of the table is drawn for no cell"
 
 
-def test_the_sentences_about_the_draw_are_true() -> None:
+def test_documented_draw_rules_apply() -> None:
     jr3 = [cell(number) for number in range(5)]
     pairs = [tuple(one["sensor"]["jr3"]["gateway"].values()) for one in jr3]
     assert (10.0, 10.0) not in pairs, "the page says that none drew the default filter"
@@ -63,15 +63,15 @@ def test_the_sentences_about_the_draw_are_true() -> None:
 
 
 def drawn_settings_of_page() -> Iterator[tuple[str, tuple[float, float]]]:
-    """Ranges of the table by setting; of pairs the least and the greatest of each."""
+    """Return the ranges of the table by setting; for pairs, the smallest and the largest of each."""
     table = PAGE.partition("<!-- drawn: begin -->")[2].partition("<!-- drawn: end -->")[0]
     for line in table.splitlines()[3:]:
-        _, _, keys, words, *_ = [part.strip() for part in line.split("|")]
+        _, _, keys, ranges, *_ = [part.strip() for part in line.split("|")]
         named = [key.strip("`") for key in keys.split(" and ")]
-        if words.startswith("one of: "):
-            rows = [[*map(float, one.split(", "))] for one in words.removeprefix("one of: ").split("; ")]
+        if ranges.startswith("one of: "):
+            rows = [[*map(float, one.split(", "))] for one in ranges.removeprefix("one of: ").split("; ")]
         else:
-            rows = [[float(end)] for end in words.partition(",")[0].split(" … ")]
+            rows = [[float(end)] for end in ranges.partition(",")[0].split(" … ")]
         for key, values in zip(named, zip(*rows, strict=True), strict=True):
             yield key, (min(values), max(values))
 
@@ -84,16 +84,16 @@ def _leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
             yield before + key, value
 
 
-def test_nine_values_in_ten_lie_within_their_intervals() -> None:
-    """The aim is 95 %; the intervals with an allowance hold more."""
-    within, seen = within_of([row for _, row in all_rows(ROWS)])
-    assert seen > 300
-    assert within >= 0.95 * seen
+def test_documented_values_lie_within_intervals() -> None:
+    """The target is 95 %; intervals with an allowance contain more."""
+    within, observed = within_of([row for _, row in all_rows(ROWS)])
+    assert observed > 300
+    assert within >= 0.95 * observed
     noises = [row for _, row in all_rows(ROWS) if row.key.startswith("sensor.noise")]
-    within, seen = within_of(noises)
-    assert 0.9 * seen <= within
+    within, observed = within_of(noises)
+    assert 0.9 * observed <= within
 
 
-def test_a_value_outside_its_interval_counts_as_such() -> None:
+def test_value_outside_interval_is_counted() -> None:
     inside = Row("key", "robot", "words", "s", 1.0, 1.1, 0.9, 1.3, None)
     assert within_of([inside, inside._replace(true=1.4), inside._replace(found=None)]) == (1, 2)

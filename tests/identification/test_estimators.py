@@ -1,4 +1,4 @@
-"""The methods by themselves, on signals whose truth is written down here."""
+"""Estimators, on signals with known parameters."""
 
 import math
 from typing import Any
@@ -26,23 +26,23 @@ def by_key(values: Any) -> dict[str, Value]:
 
 
 def coloured(draw: np.random.Generator, count: int, memory: float, size: float) -> Floats:
-    """Noise of a standard deviation with this correlation from sample to sample, once it has settled."""
+    """Return stationary noise of a standard deviation with this correlation between samples."""
     white = draw.normal(0.0, size * math.sqrt(1.0 - memory**2), count + 200)
-    settled: Floats = lfilter([1.0], [1.0, -memory], white)[200:]
-    return settled
+    stationary: Floats = lfilter([1.0], [1.0, -memory], white)[200:]
+    return stationary
 
 
-def test_the_interval_of_a_mean_of_coloured_noise_holds_it_as_often_as_it_says() -> None:
+def test_jackknife_interval_of_coloured_noise_has_coverage() -> None:
     draw = np.random.default_rng(1)
     trials = 300
-    held = sum(
+    covered = sum(
         estimate.low <= 0.0 <= estimate.high
         for estimate in (mean_of(coloured(draw, 2400, 0.8, 1.0)) for _ in range(trials))
     )
-    assert 0.90 <= held / trials <= 0.98
+    assert 0.90 <= covered / trials <= 0.98
 
 
-def test_an_interval_needs_some_blocks() -> None:
+def test_interval_needs_minimum_number_of_blocks() -> None:
     estimate = jackknife(np.array([0, 0, 1, 1]), lambda mask: float(mask.sum()))
     assert math.isnan(estimate.low)
 
@@ -60,7 +60,7 @@ def stream_of(wrench: Floats, step: float) -> Observations:
 
 
 @pytest.mark.parametrize("cutoff_hz", [0.0, 40.0, 100.0])
-def test_noise_and_filter_are_told_below_a_vibration_of_the_arm(cutoff_hz: float) -> None:
+def test_noise_and_filter_are_identified_despite_vibration(cutoff_hz: float) -> None:
     draw = np.random.default_rng(2)
     memory = math.exp(-2.0 * math.pi * cutoff_hz / RATE_HZ) if cutoff_hz else 0.0
     times = np.arange(3000) / RATE_HZ
@@ -77,7 +77,7 @@ def test_noise_and_filter_are_told_below_a_vibration_of_the_arm(cutoff_hz: float
         assert values["sensor.cutoff"].why is Why.WHITE
 
 
-def test_noise_below_half_a_step_is_not_told_and_the_step_is() -> None:
+def test_only_step_is_identified_for_small_noise() -> None:
     draw = np.random.default_rng(3)
     level = 0.5 * np.arange(3000) / RATE_HZ
     wrench = np.column_stack([np.round(draw.normal(0.0, 0.05, 3000) + level) * 0.01 for _ in range(6)])
@@ -86,7 +86,7 @@ def test_noise_below_half_a_step_is_not_told_and_the_step_is() -> None:
     assert values["sensor.cutoff"].why is Why.NO_NOISE
 
 
-def test_a_filter_below_twenty_hertz_is_not_guessed() -> None:
+def test_filter_below_20_hz_is_not_identified() -> None:
     draw = np.random.default_rng(4)
     memory = math.exp(-2.0 * math.pi * 5.0 / RATE_HZ)
     wrench = np.column_stack([coloured(draw, 3000, memory, 0.02) for _ in range(6)])
@@ -96,20 +96,22 @@ def test_a_filter_below_twenty_hertz_is_not_guessed() -> None:
 
 
 def pressed_table(stiffness: float, friction: float, exponent: float = 1.0) -> Table:
-    """A tool that comes down, presses, slides, and feels the force of a surface that rises by 1 mm in 20."""
+    """Return the motion of a tool that descends, presses and slides, with the force of a surface with a slope of 1 to
+    20.
+    """
     draw = np.random.default_rng(5)
     times = np.arange(0.0, 12.0, 0.01)
-    way = 0.005 * np.clip(times - 4.0, 0.0, None)
+    distance = 0.005 * np.clip(times - 4.0, 0.0, None)
     depth = np.interp(times, [0.0, 1.0, 3.0, 4.0], [-0.01, -0.004, 0.0, 0.002])
     depth += np.where(times > 4.0, 0.0004 * np.sin(3.0 * (times - 4.0)), 0.0)
-    height = -depth + 0.05 * way
+    height = -depth + 0.05 * distance
     press = stiffness * np.clip(depth, 0.0, None) ** exponent
     normal = np.array([-0.05, 0.0, 1.0]) / math.hypot(0.05, 1.0)
     along = np.array([1.0, 0.0, 0.05]) / math.hypot(0.05, 1.0)
     force = np.outer(press, normal) - np.outer(friction * press * (times > 4.0), along)
-    force += draw.normal(0.0, 0.02, force.shape) + np.array([0.4, -0.2, 0.3])  # nothing has taken a zero
+    force += draw.normal(0.0, 0.02, force.shape) + np.array([0.4, -0.2, 0.3])  # without a zero
     columns = {
-        "x": way,
+        "x": distance,
         "y": np.zeros(len(times)),
         "z": height,
         **{axis: force[:, k] for k, axis in enumerate(("fx", "fy", "fz"))},
@@ -119,7 +121,7 @@ def pressed_table(stiffness: float, friction: float, exponent: float = 1.0) -> T
     return Table(times, columns)
 
 
-def test_stiffness_and_friction_of_a_slope_are_told_from_a_table() -> None:
+def test_slope_table_identifies_stiffness_and_friction() -> None:
     values = by_key(surface_values(observe_table(pressed_table(4000.0, 0.25))))
     stiffness, friction = values["surface.stiffness"], values["surface.friction"]
     assert stiffness.holds(4000.0)
@@ -129,18 +131,18 @@ def test_stiffness_and_friction_of_a_slope_are_told_from_a_table() -> None:
     assert values["surface.damping"].why is Why.BEHIND_DELAY
 
 
-def test_a_table_without_a_contact_tells_no_surface() -> None:
+def test_table_without_contact_identifies_no_surface() -> None:
     table = pressed_table(4000.0, 0.25)
     free = Table(table.times, {name: values for name, values in table.columns.items() if name != "press"})
     assert {value.why for value in surface_values(observe_table(free))} == {Why.NO_CONTACT}
 
 
-def test_the_lag_of_a_table_is_that_of_its_places() -> None:
+def test_table_lag_is_lag_of_positions() -> None:
     times = np.arange(0.0, 20.0, 0.004)
 
     def course(at: Floats) -> Floats:
-        moved: Floats = 0.05 * np.sin(0.9 * at) + 0.01 * np.sin(2.3 * at)
-        return moved
+        motion: Floats = 0.05 * np.sin(0.9 * at) + 0.01 * np.sin(2.3 * at)
+        return motion
 
     draw = np.random.default_rng(6)
     columns = {"x": course(times - 0.043) + draw.normal(0.0, 2e-5, len(times))}
@@ -156,12 +158,12 @@ def test_the_lag_of_a_table_is_that_of_its_places() -> None:
 
 def counted(**packets: float) -> dict[str, Value]:
     names = {name.replace("_", " "): value for name, value in packets.items()}
-    seen = Observations(None, None, None, None, RobotFacts(), (), names)
-    return by_key(line_values(seen))
+    observations = Observations(None, None, None, None, RobotFacts(), (), names)
+    return by_key(line_values(observations))
 
 
-def test_losses_have_the_interval_of_clopper_and_pearson() -> None:
-    """5 of 100: 1.64 to 11.28 %, none of 100: up to 3.62 %. Source: tables of the exact binomial interval."""
+def test_loss_interval_is_clopper_pearson() -> None:
+    """5 of 100: 1.64 to 11.28 %; 0 of 100: up to 3.62 %. Source: tables of the exact binomial interval."""
     lost = counted(packets=95.0, packets_missing=5.0)["line.robot.lost"]
     assert (lost.value, lost.low, lost.high) == pytest.approx((50.0, 16.43, 112.83), rel=1e-3)
     none = counted(packets=100.0)["line.robot.lost"]
@@ -169,19 +171,19 @@ def test_losses_have_the_interval_of_clopper_and_pearson() -> None:
 
 
 @pytest.mark.parametrize(
-    ("errors", "words"),
+    ("errors", "description"),
     [((MISSING,), "packets of the robot lost"), (("stale packets",), "cycles of the robot missing")],
 )
-def test_lossless_wire_is_told_by_cycles_missing(errors: tuple[str, ...], words: str) -> None:
-    seen = Observations(
+def test_lossless_link_reports_missing_cycles(errors: tuple[str, ...], description: str) -> None:
+    observations = Observations(
         None, None, None, None, RobotFacts(errors=errors), (), {"packets": 95.0, MISSING: 5.0}
     )
-    lost = by_key(line_values(seen))["line.robot.lost"]
-    assert lost.words == words
+    lost = by_key(line_values(observations))["line.robot.lost"]
+    assert lost.words == description
     assert lost.value == pytest.approx(50.0)
 
 
-def test_counters_that_cannot_be_are_not_believed() -> None:
+def test_implausible_counters_are_ignored() -> None:
     assert counted(packets=-5.0)["line.robot.lost"].why is Why.NO_COUNTERS
     assert counted(packets=math.nan)["line.robot.lost"].why is Why.NO_COUNTERS
     assert counted(blocks_received=3.0)["line.robot.lost"].why is Why.NO_COUNTERS

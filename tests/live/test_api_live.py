@@ -1,4 +1,4 @@
-"""The Python interface in real time, over loopback."""
+"""Tests of the Python interface in real time, over loopback."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ CELL: dict[str, Any] = {
 }
 
 
-def test_a_run_by_hand_in_real_time() -> None:
+def test_api_run_in_real_time() -> None:
     async def main() -> hil_bridge.Result:
         async with hil_bridge.simulation(CELL) as running:
             await running.reached("track")
@@ -39,7 +39,7 @@ def test_a_run_by_hand_in_real_time() -> None:
     assert len(result.arrays.truths.force) == len(result.cycles)
 
 
-def test_devices_alone_in_real_time() -> None:
+def test_devices_without_run_in_real_time() -> None:
     async def main() -> None:
         async with hil_bridge.open_devices(CELL) as cell:
             report = await cell.robot.ready()
@@ -51,8 +51,8 @@ def test_devices_alone_in_real_time() -> None:
     hil_bridge.run_real(main)
 
 
-def test_a_real_robot_without_a_sensor_is_opened_alone() -> None:
-    """The robot listens at a URL as a real one does, and nothing emulates a sensor beside it."""
+def test_robot_without_sensor_is_opened() -> None:
+    """The robot listens at a URL like a real one, and there is no emulated sensor."""
     here = read_config({"robot": {"emulated": "rtde"}})
     at = Listen("rtde+tcp-listen://127.0.0.1:0", None)
 
@@ -66,7 +66,7 @@ def test_a_real_robot_without_a_sensor_is_opened_alone() -> None:
                 assert report.pose.position == pytest.approx(true.position, abs=1e-3)
                 with pytest.raises(hil_bridge.ConfigError, match=r"set sensor\.url to read forces"):
                     _ = cell.sensor
-                with pytest.raises(hil_bridge.ConfigError, match="of an emulated cell alone"):
+                with pytest.raises(hil_bridge.ConfigError, match="only known for an emulated cell"):
                     cell.truth()
 
     hil_bridge.run_real(main)

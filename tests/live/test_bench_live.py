@@ -1,4 +1,4 @@
-"""The benchmarks' C program that forwards packets, stamps them and times their answers."""
+"""Tests of the benchmarks' C program that forwards packets, stamps them and times their answers."""
 
 import signal
 import socket
@@ -32,7 +32,7 @@ PATIENCE_S = 10.0
 
 @pytest.fixture(scope="module")
 def relay() -> Path:
-    program = machine.compiled("relay")
+    program = machine.compile_program("relay")
     if program is None:
         pytest.skip(answers.NO_COMPILER)
     return program
@@ -46,17 +46,19 @@ def udp() -> socket.socket:
 
 
 @contextmanager
-def passing(relay: Path, wire: str, port: int, file: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
+def running_relay(
+    relay: Path, wire: str, port: int, file: Path
+) -> Iterator[tuple[subprocess.Popen[str], int]]:
     with answers.started(relay, "pass", wire, str(port), file) as (process, door):
         yield process, int(door)
 
 
-def test_datagrams_pass_both_ways_and_are_stamped(relay: Path, tmp_path: Path) -> None:
+def test_datagrams_pass_in_both_directions_with_stamps(relay: Path, tmp_path: Path) -> None:
     file = tmp_path / "seen"
     with (
         udp() as robot,
         udp() as client,
-        passing(relay, "udp", client.getsockname()[1], file) as (running, door),
+        running_relay(relay, "udp", client.getsockname()[1], file) as (running, door),
     ):
         for number in range(3):
             packet = encode_robot(
@@ -74,19 +76,19 @@ def test_datagrams_pass_both_ways_and_are_stamped(relay: Path, tmp_path: Path) -
                 assert robot.recvfrom(2000) == (answer, (HOST, door))
         running.send_signal(signal.SIGTERM)
         assert running.wait(PATIENCE_S) == 0
-    seen = exchanges.seen(file.read_bytes(), exchanges.egm)
-    assert len(seen.exchanges) == 3
-    first, passed_over, last = seen.exchanges
+    observed = exchanges.read_exchanges(file.read_bytes(), exchanges.egm)
+    assert len(observed.exchanges) == 3
+    first, passed_over, last = observed.exchanges
     assert first.at + first.taken < passed_over.at < last.at
     assert passed_over.at + passed_over.taken == pytest.approx(last.at + last.taken, abs=1e-9)
     assert 0.0 < last.taken < passed_over.taken
 
 
-def test_a_client_that_is_not_there_yet_holds_nothing_up(relay: Path, tmp_path: Path) -> None:
+def test_absent_client_blocks_nothing(relay: Path, tmp_path: Path) -> None:
     with udp() as gone:
         port = gone.getsockname()[1]
     file, packet = tmp_path / "seen", b"anything"
-    with udp() as robot, passing(relay, "udp", port, file) as (running, door):
+    with udp() as robot, running_relay(relay, "udp", port, file) as (running, door):
         for _ in range(3):
             robot.sendto(packet, (HOST, door))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
@@ -103,15 +105,15 @@ def test_a_client_that_is_not_there_yet_holds_nothing_up(relay: Path, tmp_path: 
                 pytest.fail("nothing came through")
         running.send_signal(signal.SIGTERM)
         running.wait(PATIENCE_S)
-    assert {chunk.way for chunk in exchanges.chunks(file.read_bytes())} == {PACKET}
+    assert {chunk.direction for chunk in exchanges.chunks(file.read_bytes())} == {PACKET}
 
 
-def test_bytes_pass_both_ways_until_an_end_goes(relay: Path, tmp_path: Path) -> None:
+def test_bytes_pass_in_both_directions_until_close(relay: Path, tmp_path: Path) -> None:
     file = tmp_path / "seen"
     packet, answer = (packets.encode(packets.Kind.DATA, bytes(size)) for size in (237, 81))
     with (
         socket.create_server((HOST, 0)) as robot,
-        passing(relay, "tcp", robot.getsockname()[1], file) as (running, door),
+        running_relay(relay, "tcp", robot.getsockname()[1], file) as (running, door),
     ):
         with socket.create_connection((HOST, door), PATIENCE_S) as client:
             served = robot.accept()[0]
@@ -122,20 +124,20 @@ def test_bytes_pass_both_ways_until_an_end_goes(relay: Path, tmp_path: Path) -> 
                     client.sendall(answer)
                     assert served.recv(len(answer), socket.MSG_WAITALL) == answer
         assert running.wait(PATIENCE_S) == 0
-    seen = exchanges.seen(file.read_bytes(), exchanges.rtde)
-    assert len(seen.exchanges) == 2
-    assert seen.sizes == (240, 84)
+    observed = exchanges.read_exchanges(file.read_bytes(), exchanges.rtde)
+    assert len(observed.exchanges) == 2
+    assert observed.sizes == (240, 84)
 
 
 @pytest.mark.parametrize("wire", ["tcp", "udp"])
 @pytest.mark.parametrize("kind", ["c", "asyncio"])
-def test_every_packet_to_an_echo_is_timed(wire: str, kind: str, relay: Path, tmp_path: Path) -> None:
-    way = answers.WAYS[0]._replace(wire=wire, cycle_s=0.001)
+def test_every_echo_packet_is_timed(wire: str, kind: str, relay: Path, tmp_path: Path) -> None:
+    case = answers.WAYS[0]._replace(wire=wire, cycle_s=0.001)
     echo = (relay, "echo") if kind == "c" else (sys.executable, asyncio_echo.__file__)
-    times = answers.echoed(relay, way, echo, tmp_path / "seen", 0.05)
+    times = answers.echo_times(relay, case, echo, tmp_path / "seen", 0.05)
     assert len(times) == 50
     assert all(0.0 < time < PATIENCE_S for time in times)
     stamped = list(exchanges.chunks((tmp_path / "seen").read_bytes()))
-    assert {len(chunk.data) for chunk in stamped if chunk.way == ANSWER} == {way.answer}
-    sent = [chunk.at for chunk in stamped if chunk.way == PACKET]
+    assert {len(chunk.data) for chunk in stamped if chunk.direction == ANSWER} == {case.answer}
+    sent = [chunk.at for chunk in stamped if chunk.direction == PACKET]
     assert sent[-1] - sent[0] >= 0.049 / 2  # on absolute beats, not all at once; a late first one shortens it

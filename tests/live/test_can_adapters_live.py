@@ -1,4 +1,4 @@
-"""CAN adapters in real time: slcan, and the interfaces of python-can."""
+"""Tests of CAN adapters in real time: slcan, and the interfaces of python-can."""
 
 import asyncio
 import os
@@ -21,7 +21,7 @@ pytestmark = [
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="SocketCAN")
-async def test_a_can_interface_that_is_not_there() -> None:
+async def test_missing_can_interface_is_reported() -> None:
     with closing(Clock.running()) as clock:
         with pytest.raises(TransportUnavailable, match=r"no such CAN interface|no SocketCAN"):
             await connect_can("can+socketcan://nocan7", clock)
@@ -29,40 +29,40 @@ async def test_a_can_interface_that_is_not_there() -> None:
             await connect_can("can+socketcan:", clock)
 
 
-def _heard_by_adapter(master: int) -> bytes:
-    """Bytes sent by the opening of a channel; a busy computer hands them over in parts."""
-    heard = b""
-    while not heard.endswith(b"C\rS8\rO\r"):
-        heard += os.read(master, 4096)
-    return heard
+def _received_by_adapter(master: int) -> bytes:
+    """Return the bytes sent when a channel opens; a busy computer delivers them in parts."""
+    received = b""
+    while not received.endswith(b"C\rS8\rO\r"):
+        received += os.read(master, 4096)
+    return received
 
 
-async def test_a_port_held_by_another_program_is_no_slcan_adapter() -> None:
+async def test_port_in_use_is_not_an_slcan_adapter() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     url = f"can+slcan://{os.ttyname(slave)}?bitrate=1000000"
     with closing(Clock.running()) as clock:
         wire = await connect_can(url, clock)
-        said = _heard_by_adapter(master)
+        messages = _received_by_adapter(master)
         with pytest.raises(TransportUnavailable, match="another program holds the port"):
             await connect_can(url, clock)
         os.set_blocking(master, False)
         with pytest.raises(BlockingIOError):  # the first conversation was not disturbed
             os.read(master, 4096)
-        assert said == b"\r\r\rC\rS8\rO\r"
+        assert messages == b"\r\r\rC\rS8\rO\r"
         await wire.aclose()
         await (await connect_can(url, clock)).aclose()
     os.close(master)
     os.close(slave)
 
 
-async def test_slcan_opens_its_channel_and_survives_noise() -> None:
+async def test_slcan_opens_channel_and_survives_noise() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with closing(Clock.running()) as clock:
         wire = await connect_can(f"can+slcan://{os.ttyname(slave)}?bitrate=1000000", clock)
         assert isinstance(wire, SlcanWire)
-        _heard_by_adapter(master)
+        _received_by_adapter(master)
         frames: list[CanFrame] = []
         ends: list[TransportError] = []
         wire.start(frames.extend, ends.append)
@@ -106,7 +106,7 @@ async def test_slcan_opens_its_channel_and_survives_noise() -> None:
         os.close(slave)
 
 
-async def test_slcan_never_blocks_when_the_adapter_does_not_read() -> None:
+async def test_slcan_does_not_block_if_adapter_does_not_read() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with closing(Clock.running()) as clock:
@@ -121,7 +121,7 @@ async def test_slcan_never_blocks_when_the_adapter_does_not_read() -> None:
         os.close(slave)
 
 
-async def test_a_full_virtual_can_queue_refuses() -> None:
+async def test_full_virtual_can_queue_refuses() -> None:
     with closing(Clock.running()) as clock:
         deaf = await connect_can("can+virtual://full", clock)
         sender = await connect_can("can+virtual://full", clock)
@@ -131,7 +131,7 @@ async def test_a_full_virtual_can_queue_refuses() -> None:
         await deaf.aclose()
 
 
-def test_closing_the_loop_leaves_no_reader_thread_behind() -> None:
+def test_closing_loop_ends_reader_thread() -> None:
     async def main() -> None:
         with closing(Clock.running()) as clock:
             wire = await connect_can("can+virtual://gone", clock)

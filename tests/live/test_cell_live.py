@@ -1,4 +1,4 @@
-"""Bridge and emulator as two processes, over pseudo-terminals and TCP in real time."""
+"""Tests of bridge and emulator as two processes, over pseudo-terminals and TCP in real time."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from tests.live.processes import Growing, emulated, finish, start, wait_until
 pytestmark = pytest.mark.live
 
 SETTLED_S = 2.0
-"""After so much of the tracking the force is steady."""
+"""Tracking time after which the force is steady, s."""
 
 
 def test_two_processes_hold_ten_newtons(tmp_path: Path, near: str) -> None:
@@ -37,7 +37,7 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, near: str) -> None:
     assert sum(steady) / len(steady) == pytest.approx(10.0, abs=0.6)
 
 
-def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path, near: str) -> None:
+def test_killed_emulator_ends_run_with_cause(tmp_path: Path, near: str) -> None:
     record = tmp_path / "r.mcap"
     port = ("--robot-port", "s3+tcp-listen://127.0.0.1:0?baudrate=9600&parity=E")
     with emulated("cell", near, *port) as (cell, options):
@@ -55,7 +55,7 @@ def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path, n
     assert (code, errors) == (0, "")
 
 
-def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, near: str) -> None:
+def test_ctrl_c_retracts_and_cleans_up(tmp_path: Path, near: str) -> None:
     record, summary = tmp_path / "r.mcap", tmp_path / "s.json"
     run = start(
         *(
@@ -96,9 +96,9 @@ def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
             )
             assert os.read(master, 1) == b"\x05"
             run.send_signal(signal.SIGINT)
-            asked = time.monotonic()
+            requested = time.monotonic()
             code, lines, errors = finish(run)
-            assert time.monotonic() - asked < 5.0
+            assert time.monotonic() - requested < 5.0
             assert (code, errors.strip()) == (130, "")
             assert lines == ["interrupted: before the movement began", f"record: {record}"]
             assert record.stat().st_size
@@ -107,15 +107,15 @@ def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
         os.close(slave)
 
 
-def test_a_port_that_another_holds_is_named(tmp_path: Path) -> None:
+def test_port_in_use_is_named(tmp_path: Path) -> None:
     with emulated("sensor") as (_, options):
         master, slave = pty.openpty()
-        held = f"s3+serial://{os.ttyname(slave)}"
-        holder = start("run", "--robot", held, *options, "--unchecked", "--no-view", "--no-record")
+        address = f"s3+serial://{os.ttyname(slave)}"
+        holder = start("run", "--robot", address, *options, "--unchecked", "--no-view", "--no-record")
         try:
             assert os.read(master, 1) == b"\x05"
             code, _, errors = finish(
-                start("run", "--robot", held, *options, "--unchecked", "--no-view", "--no-record")
+                start("run", "--robot", address, *options, "--unchecked", "--no-view", "--no-record")
             )
             assert (code, errors.count("\n")) == (3, 1)
             assert "another program holds the port; `fuser -v " in errors

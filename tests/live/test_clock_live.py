@@ -1,4 +1,4 @@
-"""Real time: how late a sleep wakes, and that the clock's own timers behave like the loop's."""
+"""Tests of real time: delay of a sleep, and timers of the clock that behave like the loop's."""
 
 import asyncio
 import statistics
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.live
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="precise timers need a timerfd")
-def test_periodic_sleeps_wake_well_within_a_millisecond() -> None:
+def test_periodic_sleeps_wake_within_1_ms() -> None:
     async def main() -> float:
         with closing(Clock.running()) as clock:
             start, lateness = clock.now(), []
@@ -28,27 +28,27 @@ def test_periodic_sleeps_wake_well_within_a_millisecond() -> None:
 
 
 @pytest.mark.parametrize("busy_poll_s", [0.0, 0.004, 1.0], ids=["asleep", "awake at first", "awake"])
-def test_timers_run_in_order_and_not_before_their_time(busy_poll_s: float) -> None:
+def test_timers_run_in_order_and_never_early(busy_poll_s: float) -> None:
     async def main() -> None:
         with closing(Clock.running()) as clock:
             assert not clock.is_virtual
             start = clock.now()
-            seen: list[tuple[float, bool]] = []
+            calls: list[tuple[float, bool]] = []
 
             def see(delay: float) -> None:
-                seen.append((delay, clock.now() >= start + delay))
+                calls.append((delay, clock.now() >= start + delay))
 
             for delay in (0.02, 0.005, -1.0, 0.01, 0.005):
                 clock.call_at(start + delay, partial(see, delay))
-            clock.call_at(start + 0.007, lambda: seen.append((0.007, True))).cancel()
-            assert seen == []
+            clock.call_at(start + 0.007, lambda: calls.append((0.007, True))).cancel()
+            assert calls == []
             await clock.sleep_until(start + 0.03)
-            assert seen == [(-1.0, True), (0.005, True), (0.005, True), (0.01, True), (0.02, True)]
+            assert calls == [(-1.0, True), (0.005, True), (0.005, True), (0.01, True), (0.02, True)]
 
     run_real(main, busy_poll_s)
 
 
-def test_many_cancelled_timers_and_one_that_fails_disturb_no_other() -> None:
+def test_cancelled_and_failing_timers_affect_no_other() -> None:
     async def main() -> None:
         loop, errors = asyncio.get_running_loop(), []
         loop.set_exception_handler(lambda _, context: errors.append(context["exception"]))
@@ -67,19 +67,19 @@ def test_many_cancelled_timers_and_one_that_fails_disturb_no_other() -> None:
     run_real(main)
 
 
-def test_a_closed_clock_makes_no_call() -> None:
+def test_closed_clock_makes_no_call() -> None:
     async def main() -> None:
-        clock, seen = Clock.running(), []
-        clock.call_at(clock.now() + 0.005, lambda: seen.append(1))
+        clock, calls = Clock.running(), []
+        clock.call_at(clock.now() + 0.005, lambda: calls.append(1))
         clock.close()
         clock.close()
         await asyncio.sleep(0.02)
-        assert seen == []
+        assert calls == []
 
     run_real(main)
 
 
-def test_wall_time_follows_the_loop_and_believes_only_recent_stamps() -> None:
+def test_wall_time_accepts_only_recent_stamps() -> None:
     async def main() -> None:
         with closing(Clock.running()) as clock:
             now = clock.now()

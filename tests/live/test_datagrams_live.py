@@ -1,4 +1,4 @@
-"""UDP over loopback: the suite of unreliable wires, strangers, and what the network tells."""
+"""Tests of UDP over loopback: the suite of unreliable wires, other senders, and network errors."""
 
 import asyncio
 import errno
@@ -34,7 +34,7 @@ LOOPBACK = ("127.0.0.1", "::1")
 
 
 class Unplugged:
-    """A socket as it is, but that its interface is gone."""
+    """Socket whose interface is gone."""
 
     def __init__(self, inner: socket.socket) -> None:
         self.fileno, self.close = inner.fileno, inner.close
@@ -93,12 +93,12 @@ def _port(wire: Any) -> int:
     return port
 
 
-def has_heard(ear: Ear) -> bool:
+def has_received(ear: Ear) -> bool:
     return len(ear.datagrams) > 0
 
 
-def has_said(said: list[str], count: int) -> bool:
-    return sum("has left" in line for line in said) == count
+def has_logged(lines: list[str], count: int) -> bool:
+    return sum("has left" in line for line in lines) == count
 
 
 async def _settled(holds: Callable[[], bool]) -> None:
@@ -109,7 +109,7 @@ async def _settled(holds: Callable[[], bool]) -> None:
     raise AssertionError("nothing came within ten seconds")
 
 
-async def test_only_the_peer_is_heard_by_the_side_that_speaks_first() -> None:
+async def test_initiator_accepts_data_of_its_peer_only() -> None:
     notices: list[str] = []
     with closing(Clock.running()) as clock, _stranger() as other:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
@@ -131,7 +131,7 @@ async def test_only_the_peer_is_heard_by_the_side_that_speaks_first() -> None:
 
 
 @pytest.mark.parametrize("strangers", ["follow", "refuse"])
-async def test_a_stranger_is_followed_or_refused(strangers: str) -> None:
+async def test_other_sender_is_followed_or_refused(strangers: str) -> None:
     with closing(Clock.running()) as clock, _stranger() as first, _stranger() as second:
         listening = await listen_datagrams(f"udp-bind://127.0.0.1:0?strangers={strangers}", clock)
         wire: Any = listening.transport
@@ -151,7 +151,7 @@ async def test_a_stranger_is_followed_or_refused(strangers: str) -> None:
         await wire.aclose()
 
 
-async def test_a_stranger_takes_over_when_the_peer_is_not_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_other_sender_takes_over_idle_peer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peer, "IN_USE_S", 0.05)
     with closing(Clock.running()) as clock, _stranger() as first, _stranger() as second:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0?strangers=refuse", clock)
@@ -166,7 +166,7 @@ async def test_a_stranger_takes_over_when_the_peer_is_not_in_use(monkeypatch: py
         await wire.aclose()
 
 
-async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
+async def test_unreachable_port_is_reported_without_ending_wire() -> None:
     notices: list[tuple[str, str]] = []
     with closing(Clock.running()) as clock:
         gone = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
@@ -191,43 +191,43 @@ async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
         await again.transport.aclose()
 
 
-async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
-    """The system tells of each datagram that no program takes it; the emulator says it in one line, and continues."""
-    said: list[str] = []
+async def test_robot_without_client_is_reported_once() -> None:
+    """The system reports each datagram that no program receives; the emulator prints one line, and continues."""
+    messages: list[str] = []
     with closing(Clock.running()) as clock:
         gone = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         await gone.transport.aclose()
         listen = Listen(f"rsi+{gone.address}", None)
-        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
+        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, messages.append):
             await asyncio.sleep(1.3)  # longer than the least time between two notices of a wire
-    (line,) = said
+    (line,) = messages
     assert line == f"{gone.address}: waiting for its client; no program is listening there yet"
 
 
-async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
-    """The client was heard, and left: that is no wrong port. One that comes again and leaves is told again."""
-    said: list[str] = []
+async def test_end_of_session_is_reported_by_emulated_robot() -> None:
+    """The client was connected, and left: the port is not wrong. A client that returns and leaves is reported again."""
+    messages: list[str] = []
     with closing(Clock.running()) as clock:
         free = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         await free.transport.aclose()
         listen = Listen(f"egm+{free.address}", None)
-        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
+        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, messages.append):
             for session in (1, 2):
                 client = await listen_datagrams(free.address.replace("udp:", "udp-bind:"), clock)
                 ear = Ear(CASES[0], client.transport)
-                await ear.until(partial(has_heard, ear))
+                await ear.until(partial(has_received, ear))
                 client.transport.send([b"answer"])
                 await asyncio.sleep(0.05)
                 await client.transport.aclose()
-                await _settled(partial(has_said, said, session))
+                await _settled(partial(has_logged, messages, session))
                 await asyncio.sleep(1.1)  # longer than the least time between two notices of a wire
     place = free.address.removeprefix("udp://")
     left = f"udp://{place}: the program at {place} has left; it had sent datagrams before"
-    assert [line for line in said if "waiting for its client" not in line] == [left, left]
-    assert sum("waiting for its client" in line for line in said) <= 1, "before the first client came"
+    assert [line for line in messages if "waiting for its client" not in line] == [left, left]
+    assert sum("waiting for its client" in line for line in messages) <= 1, "before the first client came"
 
 
-async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:
+async def test_error_queue_does_not_keep_loop_busy() -> None:
     with closing(Clock.running()) as clock:
         gone = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         await gone.transport.aclose()
@@ -249,7 +249,7 @@ async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:
         await wire.aclose()
 
 
-async def test_everything_pending_comes_in_one_batch_with_kernel_times() -> None:
+async def test_pending_datagrams_arrive_in_one_batch() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         wire = await connect_datagrams(listening.address, clock)
@@ -268,12 +268,12 @@ async def test_everything_pending_comes_in_one_batch_with_kernel_times() -> None
         await listening.transport.aclose()
 
 
-async def test_a_port_in_use_and_a_host_that_is_none_are_said_in_one_line() -> None:
+async def test_busy_port_and_invalid_host_are_refused() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
-        taken = listening.address.replace("udp:", "udp-bind:")
+        busy = listening.address.replace("udp:", "udp-bind:")
         with pytest.raises(TransportUnavailable, match="already listens on this port"):
-            await listen_datagrams(taken, clock)
+            await listen_datagrams(busy, clock)
         with pytest.raises(TransportUnavailable, match="cannot be opened"):
             await connect_datagrams("udp://no-such-host.invalid:4000", clock)
         with pytest.raises(TransportUnavailable, match="not one of this computer's"):
@@ -283,7 +283,7 @@ async def test_a_port_in_use_and_a_host_that_is_none_are_said_in_one_line() -> N
         await listening.transport.aclose()
 
 
-async def test_sending_over_an_interface_that_is_gone_says_so() -> None:
+async def test_sending_over_removed_interface_is_reported() -> None:
     with closing(Clock.running()) as clock:
         wire: Any = await connect_datagrams("udp://127.0.0.1:9", clock)
         ear = Ear(CASES[0], wire)
@@ -293,8 +293,8 @@ async def test_sending_over_an_interface_that_is_gone_says_so() -> None:
         assert [type(error) for error in ear.ends] == [TransportBroken]
 
 
-def test_busy_polling_holds_for_datagrams(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A thread that polls never sleeps before a datagram comes."""
+def test_busy_polling_applies_to_datagrams(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A polling thread never sleeps before a datagram arrives."""
     waits: list[float | None] = []
     select = selectors.DefaultSelector.select
 

@@ -1,4 +1,4 @@
-"""A robot guided by EGM and its sensor in one process, the bridge in another, in real time over UDP."""
+"""Test of a robot guided by EGM and its sensor in one process, the bridge in another, in real time over UDP."""
 
 import json
 import socket
@@ -36,8 +36,8 @@ def free_url() -> str:
         return f"egm+udp://127.0.0.1:{probe.getsockname()[1]}"
 
 
-def test_a_run_over_udp_and_another_one_behind_one_that_was_killed(tmp_path: Path) -> None:
-    """The robot is left by a time-out, waits, and begins another session where the tool stands."""
+def test_run_over_udp_succeeds_after_killed_run(tmp_path: Path) -> None:
+    """The robot times out, waits, and begins another session at its current pose."""
     short, long = tmp_path / "short.toml", tmp_path / "long.toml"
     short.write_text(QUICK.format(seconds=1.0))
     long.write_text(QUICK.format(seconds=60.0))
@@ -55,6 +55,6 @@ def test_a_run_over_udp_and_another_one_behind_one_that_was_killed(tmp_path: Pat
         outputs = ("--no-record", "--summary", str(summary))
         code, _, errors = finish(start("run", str(short), *options, "--no-view", *outputs))
     assert (code, errors) == (0, "")
-    found = json.loads(summary.read_text())
-    assert found["outcome"] == "completed"
-    assert found["left"].startswith("retracted")
+    result = json.loads(summary.read_text())
+    assert result["outcome"] == "completed"
+    assert result["left"].startswith("retracted")

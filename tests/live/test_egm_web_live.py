@@ -1,4 +1,4 @@
-"""The port of an emulated controller's web services, in real time over TCP."""
+"""Tests of the port of an emulated controller's web services, in real time over TCP."""
 
 import asyncio
 import re
@@ -22,7 +22,7 @@ from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import robot_at
-from hil_bridge.site.doctor import beside
+from hil_bridge.site.doctor import check_side_channel
 from hil_bridge.site.robot_probe import probe, probe_rows
 from protocol.devices.egm.web import PASSWORD, SUBSCRIPTION, USER
 
@@ -34,7 +34,7 @@ USUAL = (USER, PASSWORD)
 
 @asynccontextmanager
 async def served(listens: str = "127.0.0.1:0") -> AsyncIterator[tuple[EgmController, WebAddress]]:
-    """A controller whose web services listen."""
+    """Yield a controller whose web services listen."""
     clock = Clock.running()
     try:
         async with AsyncExitStack() as stack:
@@ -55,7 +55,7 @@ def session_with(address: WebAddress, user: str, password: str) -> aiohttp.Clien
     )
 
 
-def test_a_look_tells_the_state_and_a_stop_by_people_is_seen() -> None:
+def test_web_services_report_state_and_operator_stop() -> None:
     async def main() -> tuple[WebState, WebState]:
         async with served() as (controller, address):
             first = await read_state(address)
@@ -67,7 +67,7 @@ def test_a_look_tells_the_state_and_a_stop_by_people_is_seen() -> None:
     assert (second.motors, second.execution) == ("motoroff", "stopped")
 
 
-def test_a_client_stops_rapid_and_a_subscriber_is_told() -> None:
+def test_subscriber_is_notified_of_rapid_stop() -> None:
     async def main() -> tuple[int, str, State]:
         async with served() as (controller, address), session_with(address, *USUAL) as session:
             body = {"resources": "1", "1": "/rw/rapid/execution;ctrlexecstate", "1-p": "1"}
@@ -83,7 +83,7 @@ def test_a_client_stops_rapid_and_a_subscriber_is_told() -> None:
     assert '<span class="ctrlexecstate">stopped</span>' in event
 
 
-def test_a_wrong_password_is_refused() -> None:
+def test_wrong_password_is_refused() -> None:
     async def main() -> int:
         async with served() as (_, address), session_with(address, USER, "wrong") as session:
             return (await session.post("/rw/rapid/execution?action=stop")).status
@@ -101,7 +101,7 @@ def test_a_wrong_password_is_refused() -> None:
         (b"GET /poll/1 HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: upgrade\r\n\r\n", b"401"),
     ],
 )
-def test_a_hostile_request_is_answered_with_its_status(data: bytes, status: bytes) -> None:
+def test_invalid_request_gets_error_status(data: bytes, status: bytes) -> None:
     async def main() -> tuple[bytes, State]:
         async with served() as (controller, address):
             reader, writer = await asyncio.open_connection(*address)
@@ -116,7 +116,7 @@ def test_a_hostile_request_is_answered_with_its_status(data: bytes, status: byte
     assert state in (State.SET_UP, State.GUIDING)
 
 
-def test_connections_are_bounded_and_free_again() -> None:
+def test_number_of_connections_is_limited() -> None:
     async def main() -> None:
         async with served() as (_, address):
             idle = [await asyncio.open_connection(*address) for _ in range(64)]
@@ -133,7 +133,7 @@ def test_connections_are_bounded_and_free_again() -> None:
 
 
 def probe_of(make_url: Callable[[str], str], cause: str = "") -> tuple[str, float]:
-    """Words of a probe of a robot whose web services listen, stopped for a cause, and its length, s."""
+    """Return the text of a probe of a robot whose web services listen, stopped for a cause, and its duration, s."""
 
     async def main() -> tuple[str, float]:
         async with served() as (controller, address):
@@ -141,34 +141,36 @@ def probe_of(make_url: Callable[[str], str], cause: str = "") -> tuple[str, floa
             if cause:
                 controller.stop(cause, controller.next_deadline() or 0.0)
             begun = clock.now()
-            found = await probe(ROBOT, make_url(address.authority), default_settings(ROBOT), clock)
+            report = await probe(ROBOT, make_url(address.authority), default_settings(ROBOT), clock)
             took = clock.now() - begun
             clock.close()
-            return "\n".join(" ".join(row) for row in probe_rows(found)), took
+            return "\n".join(" ".join(row) for row in probe_rows(report)), took
 
     return run_real(main)
 
 
-def test_a_probe_tells_the_web_services_where_no_datagram_comes() -> None:
-    words, took = probe_of(lambda there: f"udp-bind://127.0.0.1:0?rws={there}", "motors-off")
+def test_probe_reads_web_services_without_datagrams() -> None:
+    text, took = probe_of(lambda there: f"udp-bind://127.0.0.1:0?rws={there}", "motors-off")
     for part in ("datagrams robot on", "RobotWare 7.00.00.00", "refused: the motors are off (motoroff)"):
-        assert part in words
+        assert part in text
     assert took < 5.0
 
 
-def test_a_probe_without_its_web_services_tells_that_they_do_not_answer() -> None:
-    words, _ = probe_of(lambda there: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
-    assert "RobotWare unknown: web services at 127.0.0.1:1: " in words
-    assert "a run would be refused: robot on" in words
+def test_probe_reports_unanswered_web_services() -> None:
+    text, _ = probe_of(lambda there: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
+    assert "RobotWare unknown: web services at 127.0.0.1:1: " in text
+    assert "a run would be refused: robot on" in text
 
 
-def test_the_doctor_reads_the_web_services_that_a_url_names() -> None:
+def test_doctor_reads_web_services_of_url() -> None:
     async def main() -> list[str]:
         async with served() as (controller, address):
             controller.stop("program-stopped", controller.next_deadline() or 0.0)
             url = f"egm+udp-bind://127.0.0.1:6510?rws={address.authority}"
             robot = robot_at(load_config(None, {}), url)
-            return await asyncio.to_thread(lambda: [str(fact) for fact in beside("robot.url", robot)])
+            return await asyncio.to_thread(
+                lambda: [str(fact) for fact in check_side_channel("robot.url", robot)]
+            )
 
     assert run_real(main) == [
         "ok    robot.url: RobotWare 7.00.00.00, motors motoron, mode AUTO, RAPID stopped",
@@ -187,7 +189,7 @@ NEWER = "are those of RobotWare 7 (RWS 2.0); only RobotWare 6 is supported"
 
 
 async def read_from(answer: Answers) -> WebState:
-    """A look at a server that answers so."""
+    """Return the result of a query to a server with this answer."""
 
     async def take(request: web.Request) -> web.Response:
         return answer(request)
@@ -213,7 +215,7 @@ def xhtml(values: dict[str, str], more: str = "") -> web.Response:
     return web.Response(body=text.encode(), content_type="application/xhtml+xml")
 
 
-def test_xhtml_is_read_where_json_was_asked_for() -> None:
+def test_xhtml_answer_to_json_request_is_read() -> None:
     assert run_real(lambda: read_from(lambda request: xhtml(VALUES))) == WebState(*VALUES.values())
 
 
@@ -238,7 +240,7 @@ def entities(request: web.Request) -> web.Response:
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("answer", "message"),
     [
         (basic, NEWER),
         (version_2, NEWER),
@@ -253,28 +255,28 @@ def entities(request: web.Request) -> web.Response:
         (lambda request: web.Response(status=404), r"answer /rw/system\?json=1 with 404; is it a controller"),
     ],
 )
-def test_other_web_services_are_answered_with_a_sentence(answer: Answers, words: str) -> None:
-    expected = words if "\\" in words else re.escape(words)
+def test_other_web_services_are_reported(answer: Answers, message: str) -> None:
+    expected = message if "\\" in message else re.escape(message)
     with pytest.raises(DeviceError, match=expected):
         run_real(lambda: read_from(answer))
 
 
 @pytest.mark.parametrize(
-    ("said", "words"),
+    ("data", "message"),
     [
         (b"\x15\x03\x03\x00\x02\x02\x28", NEWER),
         (b"", "disconnected"),
         (b"SSH-2.0-OpenSSH_9.2\r\n", "web services at 127"),
     ],
 )
-def test_a_port_without_http_is_answered_with_a_sentence(said: bytes, words: str) -> None:
-    """The first bytes are an alert of TLS: a server that has no version in common."""
+def test_port_without_http_is_reported(data: bytes, message: str) -> None:
+    """The first bytes are a TLS alert: a server without a common version."""
 
     async def main() -> None:
         async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             first = await reader.read(1)
-            if first == b"\x16" or not said.startswith(b"\x15"):
-                writer.write(said)
+            if first == b"\x16" or not data.startswith(b"\x15"):
+                writer.write(data)
             writer.close()
 
         server = await asyncio.start_server(take, "127.0.0.1", 0)
@@ -284,13 +286,13 @@ def test_a_port_without_http_is_answered_with_a_sentence(said: bytes, words: str
             server.close()
 
     begun = time.monotonic()
-    with pytest.raises(DeviceError, match=re.escape(words)):
+    with pytest.raises(DeviceError, match=re.escape(message)):
         run_real(main)
     assert time.monotonic() - begun < 5.0
 
 
-def test_a_look_gives_its_session_back() -> None:
-    """A controller has 70 of them, and keeps each for minutes."""
+def test_query_closes_its_session() -> None:
+    """A controller has 70 sessions, and keeps each for minutes."""
 
     async def main() -> None:
         async with served() as (_, address):
@@ -300,7 +302,7 @@ def test_a_look_gives_its_session_back() -> None:
     run_real(main)
 
 
-def test_nothing_that_answers_is_told_with_its_address() -> None:
+def test_missing_answer_is_reported_with_address() -> None:
     async def main() -> None:
         with pytest.raises(DeviceError, match=r"web services at 127\.0\.0\.1:1"):
             await read_state(WebAddress("127.0.0.1", 1))
@@ -309,13 +311,13 @@ def test_nothing_that_answers_is_told_with_its_address() -> None:
 
 
 @pytest.mark.parametrize(
-    ("there", "words"),
+    ("there", "message"),
     [("0.0.0.0:0", "loopback only"), ("127.0.0.1:70000", "HOST:PORT"), ("a b", "HOST:PORT")],
 )
-def test_an_address_that_may_not_be_is_refused(there: str, words: str) -> None:
+def test_invalid_address_is_refused(there: str, message: str) -> None:
     async def main() -> None:
         async with served(there):
             pass
 
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=message):
         run_real(main)

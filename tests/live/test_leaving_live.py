@@ -1,7 +1,7 @@
-"""Ways out of a run that come from outside: signals, and terminals and pipes that close or stand still.
+"""Tests of external ends of a run: signals, and terminals and pipes that close or stop reading.
 
-Every one of them finds the tool on the surface, in real time, and must leave it retracted with a whole record. What
-each signal leads to is held in virtual time, in `tests/runs/test_signals_and_screens.py`.
+Each one happens with the tool on the surface, in real time, and must leave it retracted with a complete recording.
+`tests/runs/test_signals_and_screens.py` tests the effect of each signal in virtual time.
 """
 
 import fcntl
@@ -31,19 +31,21 @@ OWN_TERMINAL = (
     "import fcntl, os, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
     "from hil_bridge.cli import main; main()",
 )
-"""The same as the leader of a session whose terminal is its standard input, so that its closing is a SIGHUP."""
+"""Command prefix that makes the process the leader of a session whose terminal is its standard input, so that closing
+it sends SIGHUP.
+"""
 LEFT_N = 1.0
 """Largest force that counts as a tool off the surface."""
 CTRL_S, CTRL_Z = b"\x13", b"\x1a"
 
 
 class Terminal:
-    """The far end of a pseudo-terminal, with a reader that can stop to read."""
+    """Far end of a pseudo-terminal, with a reader that can stop reading."""
 
     def __init__(self) -> None:
         self.master, self.slave = pty.openpty()
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
-        self.shown = b""
+        self.output = b""
         self._closed = False
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -51,7 +53,7 @@ class Terminal:
     def _read(self) -> None:
         with suppress(OSError):
             while data := os.read(self.master, 4096):
-                self.shown += data
+                self.output += data
 
     def press(self, key: bytes) -> None:
         os.write(self.master, key)
@@ -71,7 +73,7 @@ def terminal() -> Iterator[Terminal]:
 
 
 def record_in(folder: Path) -> Path:
-    """The one recording in a folder; waited for."""
+    """Wait for the only recording in a folder, and return it."""
     wait_until(lambda: any((folder / "runs").glob("*-c/run.mcap")))
     (path,) = (folder / "runs").glob("*-c/run.mcap")
     return path
@@ -82,7 +84,7 @@ def wait_for_tracking(folder: Path) -> None:
 
 
 def wait_for_cycles(folder: Path, more: int) -> None:
-    """Until the run has made so many more cycles."""
+    """Wait until the run has made this many more cycles."""
     growing = Growing(record_in(folder))
     before = len(read(growing.path).cycles)
 
@@ -110,7 +112,7 @@ def running(command: tuple[str, ...], folder: Path, **streams: object) -> Iterat
 
 
 def ended_well(process: "subprocess.Popen[bytes]", folder: Path, outcome: str = "interrupted") -> None:
-    """The process ends by itself, and its record says that the tool was retracted."""
+    """Check that the process ends by itself, and that its recording says that the tool was retracted."""
     codes = {"interrupted": 130, "completed": 0, "stopped": 3}
     assert process.wait(PATIENCE_S) == codes[outcome]
     recording = read(record_in(folder))
@@ -119,25 +121,25 @@ def ended_well(process: "subprocess.Popen[bytes]", folder: Path, outcome: str = 
     assert recording.cycles[-1].phase == "retract"
     assert abs(recording.cycles[-1].force) < LEFT_N
     (summary,) = (folder / "runs").glob("*-c/summary.json")
-    told = json.loads(summary.read_text())
-    assert told["outcome"] == outcome
-    assert told["left"].startswith("retracted, ")
+    reported = json.loads(summary.read_text())
+    assert reported["outcome"] == outcome
+    assert reported["left"].startswith("retracted, ")
 
 
-def test_a_key_that_would_halt_the_process_retracts(tmp_path: Path, terminal: Terminal) -> None:
+def test_suspend_key_retracts(tmp_path: Path, terminal: Terminal) -> None:
     on = terminal.slave
     with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
         terminal.press(CTRL_Z)
         ended_well(process, tmp_path)
-    wait_until(lambda: terminal.shown.splitlines()[-1].startswith(b"left: retracted, "))
+    wait_until(lambda: terminal.output.splitlines()[-1].startswith(b"left: retracted, "))
 
 
-def test_a_terminal_that_closes_retracts(tmp_path: Path, terminal: Terminal) -> None:
+def test_closed_terminal_retracts(tmp_path: Path, terminal: Terminal) -> None:
     on = terminal.slave
     with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
-        wait_until(lambda: b"TRACK" in terminal.shown)
+        wait_until(lambda: b"TRACK" in terminal.output)
         terminal.close()
         ended_well(process, tmp_path)
     assert "SIGHUP" in [
@@ -145,8 +147,8 @@ def test_a_terminal_that_closes_retracts(tmp_path: Path, terminal: Terminal) -> 
     ]
 
 
-def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, terminal: Terminal) -> None:
-    """Without a session of its own the process hears no SIGHUP, and every write fails."""
+def test_closed_terminal_without_sighup_keeps_run(tmp_path: Path, terminal: Terminal) -> None:
+    """Without a session of its own the process receives no SIGHUP, and every write fails."""
     on = terminal.slave
     with running(HIL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
@@ -156,27 +158,27 @@ def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, ter
         ended_well(process, tmp_path)
 
 
-def test_a_paused_terminal_holds_up_neither_run_nor_ctrl_c(tmp_path: Path, terminal: Terminal) -> None:
+def test_paused_terminal_blocks_neither_run_nor_ctrl_c(tmp_path: Path, terminal: Terminal) -> None:
     """Sent by another process: the key itself would let the terminal continue."""
     on = terminal.slave
     with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
         terminal.press(CTRL_S)
         time.sleep(0.5)  # until what was on its way is shown
-        shown = terminal.shown
+        displayed = terminal.output
         wait_for_cycles(tmp_path, 10)
         process.send_signal(signal.SIGINT)
         wait_until(lambda: any((tmp_path / "runs").glob("*-c/summary.json")))
         time.sleep(1.0)
         assert process.poll() is None, "it waits for an operator to let the terminal continue"
-        assert terminal.shown == shown, "the terminal is paused"
+        assert terminal.output == displayed, "the terminal is paused"
         process.send_signal(signal.SIGINT)
-        asked = time.monotonic()
+        requested = time.monotonic()
         ended_well(process, tmp_path)
-        assert time.monotonic() - asked < 5.0
+        assert time.monotonic() - requested < 5.0
 
 
-def test_a_pipe_whose_reader_leaves_changes_nothing(tmp_path: Path) -> None:
+def test_closed_pipe_reader_does_not_affect_run(tmp_path: Path) -> None:
     with running(HIL, tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(b"recording into runs/")
@@ -186,7 +188,7 @@ def test_a_pipe_whose_reader_leaves_changes_nothing(tmp_path: Path) -> None:
         ended_well(process, tmp_path)
 
 
-def test_an_unread_pipe_holds_up_neither_the_run_nor_its_end(tmp_path: Path) -> None:
+def test_unread_pipe_blocks_neither_run_nor_end(tmp_path: Path) -> None:
     there, here = os.pipe()
     fcntl.fcntl(here, fcntl.F_SETPIPE_SZ, 4096)
     os.write(here, b"x" * 4096)  # full from the beginning

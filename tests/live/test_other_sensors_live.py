@@ -1,4 +1,4 @@
-"""Sensors other than a JR3 over real wires: UDP with HTTP, a pseudo-terminal, an slcan adapter."""
+"""Tests of sensors other than a JR3 over real wires: UDP with HTTP, a pseudo-terminal, an slcan adapter."""
 
 import asyncio
 import socket
@@ -29,11 +29,11 @@ CASES = (
 
 
 @pytest.mark.parametrize(("kind", "port", "cell", "least"), CASES)
-def test_a_sensor_streams_over_its_wire_and_takes_a_zero(
+def test_sensor_streams_over_wire_and_can_be_zeroed(
     kind: str, port: str, cell: dict[str, Any], least: int
 ) -> None:
-    """Half a second of its stream; the weight of the tool before the zero, and nothing after it."""
-    told: list[ForceSensor] = []
+    """Half a second of its stream: the weight of the tool before the zero, and zero after it."""
+    reported: list[ForceSensor] = []
     forces: list[float] = []
 
     async def main() -> None:
@@ -45,25 +45,25 @@ def test_a_sensor_streams_over_its_wire_and_takes_a_zero(
                 sensor = await connect_sensor(served.sensor, Wiring("sensor", clock, NullLog()))
                 sensor.start()
                 await sensor.ready()
-                told.append(sensor)
+                reported.append(sensor)
                 forces.append(sensor.wrench(await sensor.frame())[2])
                 await sensor.tare()
                 before = sensor.received
                 await asyncio.sleep(0.5)
                 sensor.check()
                 forces.append(sensor.wrench(await sensor.frame())[2])
-                told.append(sensor)
+                reported.append(sensor)
                 assert sensor.received - before >= least
                 await sensor.aclose()
         finally:
             clock.close()
 
     run_real(main)
-    assert told[0].saturated == ()
+    assert reported[0].saturated == ()
     assert forces == [pytest.approx(4.9, abs=0.6), pytest.approx(0.0, abs=0.6)]
 
 
-def test_the_pages_of_a_box_outlive_hostile_browsers() -> None:
+def test_web_page_survives_invalid_requests() -> None:
     answers: list[bytes] = []
 
     async def main() -> None:
@@ -96,8 +96,8 @@ def test_the_pages_of_a_box_outlive_hostile_browsers() -> None:
     assert b"<cfgcpf>1000000</cfgcpf>" in answers[3]
 
 
-def test_a_page_without_a_server_is_told_in_one_line() -> None:
-    words: list[str] = []
+def test_page_without_server_is_reported() -> None:
+    messages: list[str] = []
 
     async def main() -> None:
         clock = Clock.running()
@@ -109,19 +109,19 @@ def test_a_page_without_a_server_is_told_in_one_line() -> None:
             try:
                 await sensor.ready()
             except Exception as error:
-                words.append(str(error))
+                messages.append(str(error))
             await sensor.aclose()
         finally:
             clock.close()
 
     run_real(main)
-    (told,) = words
-    assert "its configuration page did not come within 0.6 s" in told
-    assert "\n" not in told
+    (reported,) = messages
+    assert "its configuration page was not received within 0.6 s" in reported
+    assert "\n" not in reported
 
 
-def test_a_stranger_that_biases_gets_no_records_and_one_that_starts_gets_them() -> None:
-    """Three programs at one box, each with a socket of its own."""
+def test_starting_client_gets_records_and_biasing_does_not() -> None:
+    """Three programs at one box, each with its own socket."""
     counts: list[int] = []
 
     async def main() -> None:
@@ -151,7 +151,7 @@ def test_a_stranger_that_biases_gets_no_records_and_one_that_starts_gets_them() 
 
 
 def drained(end: socket.socket) -> int:
-    """Datagrams that have come."""
+    """Return the datagrams received so far."""
     count = 0
     while True:
         try:

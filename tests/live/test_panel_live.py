@@ -1,4 +1,4 @@
-"""The panel as an operator uses it: a run in one terminal, `hil-bridge panel` in another."""
+"""Tests of the panel as an operator uses it: a run in one terminal, `hil-bridge panel` in another."""
 
 import json
 import re
@@ -15,8 +15,8 @@ from tests.live.processes import (
     NEAR,
     PATIENCE_S,
     Growing,
+    emulator_urls,
     start,
-    told_first,
     wait_until,
     without_notices,
 )
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.live
 
 LOOPBACK = "tcp-listen://127.0.0.1:0"
 STOOD_S = 0.4
-"""Time for which a process stands still, s."""
+"""Time for which a process is paused, s."""
 
 
 def panel(url: str, *arguments: str) -> str:
@@ -36,7 +36,7 @@ def panel(url: str, *arguments: str) -> str:
     return done.stdout
 
 
-def test_an_emergency_stop_from_another_terminal_ends_the_run(tmp_path: Path) -> None:
+def test_emergency_stop_from_other_terminal_ends_run(tmp_path: Path) -> None:
     record, summary = tmp_path / "r.mcap", tmp_path / "s.json"
     config = tmp_path / "c.toml"
     config.write_text(NEAR)
@@ -57,8 +57,8 @@ def test_an_emergency_stop_from_another_terminal_ends_the_run(tmp_path: Path) ->
         assert run.stdout is not None
         url = run.stdout.readline().strip().removeprefix("panel: ")
         wait_until(Growing(record).tracks, run)
-        shown = panel(url, "show")
-        assert shown.startswith("mode          operation, movement sequence\n")
+        displayed = panel(url, "show")
+        assert displayed.startswith("mode          operation, movement sequence\n")
         assert panel(url, "emergency-stop").splitlines()[1].split()[1:3] == ["EMERGENCY", "STOP,"]
         output, errors = run.communicate(timeout=PATIENCE_S)
     finally:
@@ -77,10 +77,10 @@ def test_an_emergency_stop_from_another_terminal_ends_the_run(tmp_path: Path) ->
     assert recording.cycles[-1].phase == "track"
 
 
-def test_an_emulated_robot_is_operated_and_ends_well() -> None:
+def test_emulated_robot_is_operated_by_panel() -> None:
     process = start("emulate", "robot", "--panel", LOOPBACK, "--json")
     try:
-        where = told_first(process)
+        where = emulator_urls(process)
         assert list(where) == ["robot", "panel"]
         assert "key in MANUAL" in panel(where["panel"], "key", "manual")
         assert "corrupt-block (2)" in panel(where["panel"], "inject", "corrupt-block", "count=2")
@@ -97,11 +97,11 @@ def test_an_emulated_robot_is_operated_and_ends_well() -> None:
     assert "no panel answers" in gone.stderr
 
 
-def test_an_emulator_that_stood_still_tells_how_long() -> None:
-    """Its clients see missing packets then, and no cable is at fault."""
+def test_paused_emulator_reports_duration() -> None:
+    """Its clients then miss packets, although no cable is at fault."""
     process = start("emulate", "robot", "--robot", "egm", "--json")
     try:
-        told_first(process)
+        emulator_urls(process)
         time.sleep(1.2)
         process.send_signal(signal.SIGSTOP)
         time.sleep(STOOD_S)

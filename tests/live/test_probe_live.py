@@ -1,4 +1,4 @@
-"""`probe robot` over sockets of this computer, where what is at the other end is no robot: the words and their time."""
+"""Tests of `probe robot` over sockets of this computer with something other than a robot at the other end."""
 
 import asyncio
 import os
@@ -40,7 +40,7 @@ Talk = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any
 
 @asynccontextmanager
 async def server(talk: Talk) -> AsyncIterator[int]:
-    """The port of a TCP server that talks so to each client."""
+    """Yield the port of a TCP server that behaves like this with each client."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
@@ -57,7 +57,7 @@ async def server(talk: Talk) -> AsyncIterator[int]:
         listening.close()
 
 
-async def say_nothing(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def stay_silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with suppress(asyncio.CancelledError):  # the test has ended
         while await reader.read(4096):
             pass
@@ -65,22 +65,22 @@ async def say_nothing(reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 
 async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     writer.write(BANNER)
-    await say_nothing(reader, writer)
+    await stay_silent(reader, writer)
 
 
 async def answer_old(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Speak version 1 alone."""
-    heard = packets.Reader()
+    """Support version 1 only."""
+    received = packets.Reader()
     while data := await reader.read(4096):
-        heard.feed(data)
-        while (packet := heard.next_packet()) is not None:
+        received.feed(data)
+        while (packet := received.next_packet()) is not None:
             writer.write(packets.accepted(Kind(packet.kind), packet.kind != Kind.VERSION))
 
 
 def ask(url: str, settings: KindSettings[Any, Any] | None = None) -> Coroutine[Any, Any, str]:
-    """All words of a probe, in the loop that runs; not for an S3, whose command searches first."""
+    """Return the complete text of a probe, in the running loop; not for an S3, whose command searches first."""
 
-    async def words() -> str:
+    async def run() -> str:
         kind, wire = robot_of(url)
         chosen = settings or default_settings(kind)
         begun = time.monotonic()
@@ -92,11 +92,11 @@ def ask(url: str, settings: KindSettings[Any, Any] | None = None) -> Coroutine[A
         assert time.monotonic() - begun < MOST_S
         return text
 
-    return words()
+    return run()
 
 
-def told(url: str) -> str:
-    """The words of the command."""
+def text_of_probe(url: str) -> str:
+    """Return the text of the command."""
     begun = time.monotonic()
     done = CliRunner().invoke(cli, ["probe", "robot", url])
     assert time.monotonic() - begun < MOST_S
@@ -111,16 +111,18 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
 
 
 @pytest.mark.parametrize("kind", ["s3", "rtde"])
-def test_a_port_at_which_nothing_listens(kind: str) -> None:
+def test_probe_of_closed_port(kind: str) -> None:
     if kind == "rtde":
-        assert "no program listens there" in told(f"rtde+tcp://{HOST}:{free_port()}?dashboard={free_port()}")
+        assert "no program listens there" in text_of_probe(
+            f"rtde+tcp://{HOST}:{free_port()}?dashboard={free_port()}"
+        )
     else:
-        assert "no program listens there" in told(f"s3+tcp://{HOST}:{free_port()}")
+        assert "no program listens there" in text_of_probe(f"s3+tcp://{HOST}:{free_port()}")
 
 
 @pytest.mark.parametrize("kind", ["s3", "rtde"])
-def test_a_host_that_is_switched_off(kind: str) -> None:
-    """A listener whose queue is full drops what asks for a connection, as a host does that is not there."""
+def test_probe_of_host_that_is_off(kind: str) -> None:
+    """A listener whose queue is full drops connection requests, like a missing host."""
     with closing(socket.socket()) as full:
         full.bind((HOST, 0))
         full.listen(0)
@@ -135,7 +137,7 @@ def test_a_host_that_is_switched_off(kind: str) -> None:
             url = (
                 f"rtde+tcp://{HOST}:{port}?dashboard={port}" if kind == "rtde" else f"s3+tcp://{HOST}:{port}"
             )
-            text = told(url)
+            text = text_of_probe(url)
         finally:
             for client in waiting:
                 client.close()
@@ -143,69 +145,69 @@ def test_a_host_that_is_switched_off(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("talk", "words"),
-    [(say_nothing, "its dashboard does not answer"), (greet, "no dashboard answers on its port")],
+    ("talk", "message"),
+    [(stay_silent, "its dashboard does not respond"), (greet, "no dashboard server on its port")],
 )
-def test_another_server_in_the_place_of_a_universal_robot(talk: Talk, words: str) -> None:
+def test_probe_of_other_server_as_universal_robot(talk: Talk, message: str) -> None:
     async def main() -> str:
         async with server(talk) as port:
             return await ask(f"rtde+tcp://{HOST}:{port}?dashboard={port}")
 
-    assert words in run_real(main)
+    assert message in run_real(main)
 
 
 @pytest.mark.parametrize(
-    ("talk", "words"),
+    ("talk", "message"),
     [
-        (say_nothing, "it does not answer over RTDE"),
-        (greet, "it speaks no RTDE"),
+        (stay_silent, "it does not respond over RTDE"),
+        (greet, "it does not speak RTDE"),
         (answer_old, "it does not speak version 2 of RTDE"),
     ],
 )
-def test_another_server_at_the_port_of_rtde(talk: Talk, words: str) -> None:
+def test_probe_of_other_server_at_rtde_port(talk: Talk, message: str) -> None:
     async def main() -> str:
         async with server(talk) as port:
             settings = replace(default_settings(RTDE), client=ClientProfile(dashboard_port=0))
             return await ask(f"rtde+tcp://{HOST}:{port}", settings)
 
-    assert words in run_real(main)
+    assert message in run_real(main)
 
 
-@pytest.mark.parametrize(("talk", "words"), [(say_nothing, "no answer"), (greet, "only noise")])
-def test_another_server_in_the_place_of_an_s3(talk: Talk, words: str) -> None:
+@pytest.mark.parametrize(("talk", "message"), [(stay_silent, "no answer"), (greet, "only noise")])
+def test_probe_of_other_server_as_s3(talk: Talk, message: str) -> None:
     async def main() -> str:
         async with server(talk) as port:
-            return await asyncio.to_thread(told, f"s3+tcp://{HOST}:{port}")
+            return await asyncio.to_thread(text_of_probe, f"s3+tcp://{HOST}:{port}")
 
-    assert words in run_real(main)
+    assert message in run_real(main)
 
 
 @pytest.mark.parametrize("kind", ["egm", "rsi"])
-def test_a_port_that_another_program_holds(kind: str) -> None:
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as held:
-        held.bind((HOST, 0))
-        text = told(f"{kind}+udp-bind://{HOST}:{held.getsockname()[1]}")
+def test_probe_of_port_in_use(kind: str) -> None:
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as busy:
+        busy.bind((HOST, 0))
+        text = text_of_probe(f"{kind}+udp-bind://{HOST}:{busy.getsockname()[1]}")
     assert "another program already listens on this port" in text
 
 
-def test_a_serial_port_that_another_program_holds() -> None:
+def test_probe_of_serial_port_in_use() -> None:
     master, slave = pty.openpty()
     try:
         with closing(serial.Serial(os.ttyname(slave), exclusive=True)):
-            assert "another program holds the port" in told(f"s3+serial://{os.ttyname(slave)}")
+            assert "another program holds the port" in text_of_probe(f"s3+serial://{os.ttyname(slave)}")
     finally:
         os.close(master)
         os.close(slave)
 
 
 @pytest.mark.parametrize("kind", ["egm", "rsi"])
-def test_an_address_of_another_computer(kind: str) -> None:
-    assert "this address is not one of this computer's" in told(f"{kind}+udp-bind://192.0.2.1:6510")
+def test_probe_of_address_of_other_computer(kind: str) -> None:
+    assert "this address is not one of this computer's" in text_of_probe(f"{kind}+udp-bind://192.0.2.1:6510")
 
 
-@pytest.mark.parametrize(("kind", "words"), [("egm", "a datagram is not heeded"), ("rsi", "not understood")])
-def test_the_robot_of_another_maker(kind: str, words: str) -> None:
-    """KUKA's telegrams come to the port for ABB's datagrams, and the other way round."""
+@pytest.mark.parametrize(("kind", "message"), [("egm", "a datagram is ignored"), ("rsi", "invalid telegram")])
+def test_probe_of_robot_of_other_maker(kind: str, message: str) -> None:
+    """KUKA's telegrams come to the port for ABB's datagrams, and vice versa."""
 
     async def main() -> str:
         clock, port = Clock.running(), free_port(socket.SOCK_DGRAM)
@@ -230,5 +232,5 @@ def test_the_robot_of_another_maker(kind: str, words: str) -> None:
             sending.cancel()
 
     text = run_real(main)
-    assert words in text
+    assert message in text
     assert "sent nothing for 3.5 s" in text

@@ -1,4 +1,4 @@
-"""A program in real time: the robot's own cycle, its real wires, a tool that follows the surface."""
+"""Test of a program in real time: the robot's own cycle, its real wires, a tool that follows the surface."""
 
 import json
 import subprocess
@@ -36,7 +36,7 @@ do = "retract"
 """
 
 
-def test_a_program_follows_a_curved_surface_in_real_time(tmp_path: Path) -> None:
+def test_program_follows_curved_surface_in_real_time(tmp_path: Path) -> None:
     config, record, summary = (tmp_path / name for name in ("program.toml", "run.mcap", "summary.json"))
     config.write_text(PROGRAM + PATIENT, encoding="utf-8")
     command = (*HIL, "run", config, "--robot", "egm", "--sensor", "netft", "--no-view")
@@ -45,9 +45,9 @@ def test_a_program_follows_a_curved_surface_in_real_time(tmp_path: Path) -> None
         (*command, *outputs), capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 0, done.stderr + done.stdout
-    told = json.loads(summary.read_text(encoding="utf-8"))
-    assert told["figures"]["contact_losses"] == 0
-    assert told["left"].startswith("retracted")
+    reported = json.loads(summary.read_text(encoding="utf-8"))
+    assert reported["figures"]["contact_losses"] == 0
+    assert reported["left"].startswith("retracted")
     again = subprocess.run(
         (*HIL, "replay", record), capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )

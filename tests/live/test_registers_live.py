@@ -1,4 +1,4 @@
-"""The register server on TCP, and a board served by one process to another."""
+"""Tests of the register server on TCP, and of a board served by one process to another."""
 
 import asyncio
 import signal
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.live
 
 
 class Memory:
-    """A board of plain words; the serial number is 1."""
+    """Board of plain words; the serial number is 1."""
 
     def __init__(self) -> None:
         self.words = [0] * 0x4000
@@ -56,24 +56,24 @@ class Memory:
 
 
 class Client:
-    """A socket that speaks the register protocol as it is told, rightly or wrongly."""
+    """Socket that sends the given register protocol data, valid or not."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.reader, self.writer = reader, writer
         self._telegrams = response_reader()
-        self._found: list[Response | Garbage] = []
+        self._responses: list[Response | Garbage] = []
 
     def send(self, *requests: Request) -> None:
         self.writer.write(b"".join(map(encode_request, requests)))
 
     async def response(self) -> Response | None:
-        """The next one, or None at the end of the connection."""
-        while not self._found:
+        """Return the next response, or None at the end of the connection."""
+        while not self._responses:
             data = await self.reader.read(65536)
             if not data:
                 return None
-            self._found += self._telegrams.feed(data)
-        response = self._found.pop(0)
+            self._responses += self._telegrams.feed(data)
+        response = self._responses.pop(0)
         assert isinstance(response, Response)
         return response
 
@@ -89,7 +89,7 @@ Connect = Callable[[], Awaitable[Client]]
 def on_tcp(
     test: Callable[[Connect, list[str]], Awaitable[None]], profile: ListenerProfile | None = None
 ) -> None:
-    """Serve a board on the loopback and let a test connect to it; it must close cleanly afterwards."""
+    """Serve a board on loopback for a test; it must close cleanly afterwards."""
 
     async def main() -> None:
         clock, logged, clients = Clock.running(), list[str](), list[Client]()
@@ -127,7 +127,7 @@ async def serves(client: Client) -> bool:
     return response is not None and response.bursts[0].words == (1,)
 
 
-def test_ten_clients_of_whom_eight_are_served() -> None:
+def test_eight_of_ten_clients_are_served() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         clients = []
         for _ in range(8):
@@ -135,9 +135,9 @@ def test_ten_clients_of_whom_eight_are_served() -> None:
             assert await serves(clients[-1])
         for _ in range(2):
             late = await connect()
-            told = await late.response()
-            assert told is not None
-            assert (told.op, told.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
+            response = await late.response()
+            assert response is not None
+            assert (response.op, response.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
             assert await late.response() is None
         assert len(logged) == 1  # one line for both
         assert "rejected, 8 clients are connected" in logged[0]
@@ -151,13 +151,13 @@ def test_ten_clients_of_whom_eight_are_served() -> None:
     on_tcp(test)
 
 
-def test_clients_that_never_asked_make_room_for_the_next() -> None:
+def test_idle_new_clients_make_room_for_next() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         silent = [await connect() for _ in range(8)]
         assert await serves(await connect())
-        told = await silent[0].response()
-        assert told is not None
-        assert (told.op, told.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
+        response = await silent[0].response()
+        assert response is not None
+        assert (response.op, response.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
         assert await silent[0].response() is None
         assert await serves(silent[1])
         assert logged == [text for text in logged if "had not sent anything" in text]
@@ -166,13 +166,13 @@ def test_clients_that_never_asked_make_room_for_the_next() -> None:
     on_tcp(test)
 
 
-def test_idle_clients_are_dropped_and_streams_are_not() -> None:
+def test_idle_clients_are_dropped_but_not_streams() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         idle, streaming = await connect(), await connect()
         streaming.send(Request(Op.STREAM, 7, 0, 1, period_us=20_000))
-        told = await idle.response()
-        assert told is not None
-        assert told.status is Status.IDLE
+        last_response = await idle.response()
+        assert last_response is not None
+        assert last_response.status is Status.IDLE
         assert await idle.response() is None
         for _ in range(5):
             response = await streaming.response()
@@ -187,13 +187,13 @@ def test_idle_clients_are_dropped_and_streams_are_not() -> None:
     "data",
     [b"GET / HTTP/1.1\r\nHost: board\r\n\r\n", b"\x16\x03\x01" + bytes(300), b"JR\x02" + b"\xff" * 4000],
 )
-def test_who_speaks_another_language_is_told_and_closed(data: bytes) -> None:
+def test_invalid_frame_closes_client_connection(data: bytes) -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         stranger, friend = await connect(), await connect()
         stranger.writer.write(data)
-        told = await stranger.response()
-        assert told is not None
-        assert told.status is Status.BAD_FRAME
+        response = await stranger.response()
+        assert response is not None
+        assert response.status is Status.BAD_FRAME
         assert await stranger.response() is None
         assert len(logged) == 1
         assert "\n" not in logged[0]
@@ -202,7 +202,7 @@ def test_who_speaks_another_language_is_told_and_closed(data: bytes) -> None:
     on_tcp(test)
 
 
-def test_half_a_request_and_an_early_end_leave_nothing() -> None:
+def test_incomplete_request_and_early_end_are_cleaned_up() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         for _ in range(20):
             client = await connect()
@@ -215,7 +215,7 @@ def test_half_a_request_and_an_early_end_leave_nothing() -> None:
     on_tcp(test)
 
 
-def test_a_flood_that_is_not_read_is_stalled_and_others_are_served() -> None:
+def test_unread_flood_stalls_without_blocking_others() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         flood, friend = await connect(), await connect()
         telegrams = encode_request(Request(Op.READ, 1, 0, 256)) * 5000
@@ -235,7 +235,7 @@ def test_a_flood_that_is_not_read_is_stalled_and_others_are_served() -> None:
     on_tcp(test)
 
 
-def test_a_stream_that_is_not_read_is_cut_off() -> None:
+def test_unread_stream_is_closed() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         slow, friend = await connect(), await connect()
         connection: socket.socket = slow.writer.get_extra_info("socket")
@@ -249,11 +249,11 @@ def test_a_stream_that_is_not_read_is_cut_off() -> None:
     on_tcp(test)
 
 
-def test_a_taken_port_is_one_clear_line() -> None:
+def test_busy_port_is_reported() -> None:
     async def main() -> None:
         clock = Clock.running()
-        with socket.create_server(("127.0.0.1", 0)) as taken:
-            url = f"tcp-listen://127.0.0.1:{taken.getsockname()[1]}"
+        with socket.create_server(("127.0.0.1", 0)) as busy:
+            url = f"tcp-listen://127.0.0.1:{busy.getsockname()[1]}"
             try:
                 await serve_board(url, Memory(), ListenerProfile(), clock, Watcher(print, print))
             finally:
@@ -272,7 +272,7 @@ def stop(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
     return process.returncode, output, errors
 
 
-def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
+def test_pci_board_is_served_to_other_process(tmp_path: Path) -> None:
     folder = tmp_path / "0000:03:00.0"
     folder.mkdir()
     (folder / "vendor").write_text("0x1762\n")
@@ -302,13 +302,13 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
         assert server.stdout.readline() == "Stop with Ctrl-C.\n"
         with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE_S) as client:
             client.sendall(encode_request(Request(Op.WRITE, 2, 0x80, 1, (400,))) + encode_request(SERIAL))
-            found: list[Response | Garbage] = []
+            result: list[Response | Garbage] = []
             reader = response_reader()
-            while len(found) < 2:
-                found += reader.feed(client.recv(4096))
-        assert [response.status for response in found if isinstance(response, Response)] == [Status.OK] * 2
-        assert isinstance(found[1], Response)
-        assert found[1].bursts[0].words == (1,)
+            while len(result) < 2:
+                result += reader.feed(client.recv(4096))
+        assert [response.status for response in result if isinstance(response, Response)] == [Status.OK] * 2
+        assert isinstance(result[1], Response)
+        assert result[1].bursts[0].words == (1,)
         assert stop(server) == (0, "", "")
     finally:
         server.kill()

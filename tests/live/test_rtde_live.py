@@ -1,4 +1,4 @@
-"""The robot over RTDE in real time, over TCP on this computer."""
+"""Tests of the robot over RTDE in real time, over TCP on this computer."""
 
 import json
 import math
@@ -35,7 +35,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def wait_until_fed(host: str, port: int) -> None:
-    """Until another client is told that the input is in use. It asks for no_input too, so that it claims nothing."""
+    """Wait until another client is told that the input is in use. It also requests no_input, so it claims nothing."""
     asking = packets.inputs_request(("external_force_torque", "no_input"))
     for _ in range(200):
         with socket.create_connection((host, port), timeout=10) as rtde:
@@ -46,7 +46,7 @@ def wait_until_fed(host: str, port: int) -> None:
     raise AssertionError("the force source holds no input")
 
 
-def test_a_force_source_ends_at_its_time_and_with_its_robot() -> None:
+def test_force_source_ends_with_time_or_robot() -> None:
     with subprocess.Popen(
         command("emulate", "robot", "--robot", "rtde", "--json"), stdout=subprocess.PIPE, text=True
     ) as serving:
@@ -54,9 +54,11 @@ def test_a_force_source_ends_at_its_time_and_with_its_robot() -> None:
             assert serving.stdout is not None
             url = json.loads(serving.stdout.readline())["robot"]
             feed = command("emulate", "force-source", url, "--duration")
-            told = subprocess.run([*feed, "1"], capture_output=True, text=True, timeout=30, check=True).stdout
-            assert told.startswith("sent the force for ")
-            assert int(told.split()[4]) > 10  # 100 on a machine with nothing else to do
+            reported = subprocess.run(
+                [*feed, "1"], capture_output=True, text=True, timeout=30, check=True
+            ).stdout
+            assert reported.startswith("sent the force for ")
+            assert int(reported.split()[4]) > 10  # 100 on a machine with nothing else to do
             with subprocess.Popen([*feed, "60"], stderr=subprocess.PIPE, text=True) as until:
                 host, _, port = url.partition("//")[2].partition("?")[0].partition(":")
                 wait_until_fed(host, int(port))
@@ -69,7 +71,7 @@ def test_a_force_source_ends_at_its_time_and_with_its_robot() -> None:
 
 
 class Observer:
-    """A client that only looks."""
+    """Client that only reads."""
 
     def __init__(self, host: str, port: int) -> None:
         self._rtde = socket.create_connection((host, port), timeout=10)
@@ -86,7 +88,7 @@ class Observer:
         self._rtde.close()
 
     def next_state(self) -> tuple[float, float, int]:
-        """Time by the controller's clock, s, speed of the tool, m/s, and runtime_state."""
+        """Return the time by the controller's clock, s, the speed of the tool, m/s, and runtime_state."""
         while True:
             while (packet := self._reader.next_packet()) is not None:
                 if packet.kind == Kind.DATA:
@@ -95,7 +97,7 @@ class Observer:
             self._reader.feed(self._rtde.recv(65536))
 
 
-def test_a_bridge_that_is_killed_leaves_the_arm_standing_and_the_program_stopped(tmp_path: Path) -> None:
+def test_killed_bridge_leaves_arm_and_program_stopped(tmp_path: Path) -> None:
     config = tmp_path / "ur.toml"
     config.write_text(CONFIG)
     serve = command("emulate", "cell", str(config), "--robot", "rtde", "--json")
@@ -107,25 +109,25 @@ def test_a_bridge_that_is_killed_leaves_the_arm_standing_and_the_program_stopped
             devices = ["--robot", urls["robot"], "--sensor", urls["sensor"], "--tool-mass-kg", "0.5"]
             run = command("run", str(config), *devices, "--no-view", "--no-record")
             with (
-                Observer(host, int(port)) as seen,
+                Observer(host, int(port)) as observed,
                 subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as bridge,
             ):
                 fast = 0
                 while fast < 20:  # on its way down, not only on its lift before
-                    _, speed, _ = seen.next_state()
+                    _, speed, _ = observed.next_state()
                     fast = fast + 1 if speed > 0.002 else 0
                 bridge.kill()
-                stamp, speed, runtime = seen.next_state()
+                stamp, speed, runtime = observed.next_state()
                 ends = stamp + 2.0
                 while (speed > 0.0 or runtime != Runtime.STOPPED) and stamp < ends:
-                    stamp, speed, runtime = seen.next_state()
+                    stamp, speed, runtime = observed.next_state()
             assert (speed, runtime) == (0.0, Runtime.STOPPED)
         finally:
             serving.kill()
 
 
-def test_upload_of_80_kb_does_not_hold_up_the_state() -> None:
-    """The state came 0.5 s late and more while such a text was parsed in the loop."""
+def test_upload_of_80_kb_does_not_delay_state() -> None:
+    """The state was 0.5 s late or more when such a text was parsed in the loop."""
     row = "    if read_input_integer_register(24) == 7:\n      servoj(q, 0, 0, 0.002, 0.1, 300)\n    end\n"
     unused = f"  def unused(q):\n{row * (80_000 // len(row))}  end\n"
     text = f"def long():\n{unused}  while True:\n    sync()\n  end\nend\n"
@@ -137,14 +139,14 @@ def test_upload_of_80_kb_does_not_hold_up_the_state() -> None:
             url = json.loads(serving.stdout.readline())["robot"]
             address = parse_address(url.removeprefix("rtde+"))
             with (
-                Observer(address.host, address.ports[Port.RTDE]) as seen,
+                Observer(address.host, address.ports[Port.RTDE]) as observed,
                 socket.create_connection((address.host, address.ports[Port.SCRIPT]), timeout=10) as script,
             ):
-                newest, _, runtime = seen.next_state()
+                newest, _, runtime = observed.next_state()
                 script.sendall(text.encode())
                 longest = 0.0
                 while runtime != Runtime.PLAYING:
-                    stamp, _, runtime = seen.next_state()
+                    stamp, _, runtime = observed.next_state()
                     longest, newest = max(longest, stamp - newest), stamp
             assert longest < 0.1
         finally:

@@ -1,4 +1,4 @@
-"""Serial lines in real time: pseudo-terminals, ports, and RFC 2217 against pyserial."""
+"""Tests of serial lines in real time: pseudo-terminals, ports, and RFC 2217 with pyserial."""
 
 import asyncio
 import os
@@ -18,7 +18,7 @@ from hil_bridge.testing.transports import Ear
 from hil_bridge.transports import PacedLine, connect_bytes, connect_can, listen_bytes
 from hil_bridge.transports.serial.pseudo_terminal import PseudoTerminal
 from hil_bridge.transports.serial.rfc2217 import Rfc2217Client
-from tests.live.wires import BYTES, came
+from tests.live.wires import BYTES, wait_for_bytes
 
 pytestmark = [
     pytest.mark.live,
@@ -26,31 +26,31 @@ pytestmark = [
 ]
 
 WHOLE = b"\x00\x03\x0d\x0a\x11\x13\x1a\xff"
-"""Bytes that a terminal changes when it is not set right."""
+"""Bytes that a wrongly configured terminal changes."""
 
 
-def _noted(notices: list[str]) -> Callable[[str, str], None]:
+def _collect_in(notices: list[str]) -> Callable[[str, str], None]:
     return lambda kind, text: notices.append(text)
 
 
-async def test_a_pseudo_terminals_client_at_another_rate_is_garbled() -> None:
+async def test_pseudo_terminal_at_wrong_rate_is_garbled() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:?baudrate=9600&parity=E", clock)
         ear, device = Ear(BYTES, listening.transport), listening.address.partition("?")[0]
         for baudrate, understood in ((19_200, False), (9600, True), (4800, False)):
             client = await connect_bytes(f"{device}?baudrate={baudrate}&parity=E", clock)
-            heard = Ear(BYTES, client)
+            received = Ear(BYTES, client)
             ear.data = b""
             client.send(b"\x05")
             listening.transport.send(b"ACK")
             await asyncio.sleep(0.05)
             assert (ear.data == b"\x05") is understood
-            assert (heard.data == b"ACK") is understood
+            assert (received.data == b"ACK") is understood
             await client.aclose()
         await listening.transport.aclose()
 
 
-async def test_a_program_that_sets_nothing_finds_the_terminal_set_right() -> None:
+async def test_pseudo_terminal_has_correct_default_settings() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:?baudrate=19200&parity=E", clock)
         ear = Ear(BYTES, listening.transport)
@@ -65,7 +65,7 @@ async def test_a_program_that_sets_nothing_finds_the_terminal_set_right() -> Non
 # --- RFC 2217
 
 
-async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
+async def test_rfc2217_client_with_other_settings() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=E", clock)
         assert listening.address.endswith("?baudrate=9600&parity=E&stopbits=1")
@@ -76,10 +76,10 @@ async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
             ("baudrate=9600&parity=E", True),
         ):
             notices: list[str] = []
-            client = await connect_bytes(f"{host}?{line}", clock, _noted(notices))
+            client = await connect_bytes(f"{host}?{line}", clock, _collect_in(notices))
             assert isinstance(client, Rfc2217Client)
             assert isinstance(listening.transport, PacedLine)
-            heard = Ear(BYTES, client)
+            received = Ear(BYTES, client)
             ear.data = b""
             client.send(b"\x05")
             listening.transport.send(b"answer")
@@ -87,7 +87,7 @@ async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
             assert (ear.data == b"\x05") is understood
             assert bool(notices) is not understood
             if understood:
-                assert heard.data == b"answer"
+                assert received.data == b"answer"
                 before = listening.transport.line_errors
                 client.send_break(0.02)
                 await asyncio.sleep(0.05)
@@ -99,7 +99,7 @@ async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
         await listening.transport.aclose()
 
 
-async def test_a_server_that_is_none_or_not_willing_is_said_in_one_line() -> None:
+async def test_invalid_or_refusing_rfc2217_server_is_reported() -> None:
     with closing(Clock.running()) as clock, socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
         url = f"rfc2217://127.0.0.1:{server.getsockname()[1]}?baudrate=9600&parity=E"
@@ -107,7 +107,7 @@ async def test_a_server_that_is_none_or_not_willing_is_said_in_one_line() -> Non
         connection, _ = await clock.loop.sock_accept(server)
         connection.sendall(b"\xff\xfe\x2c")
         with pytest.raises(
-            TransportUnavailable, match="cannot be opened: the server has no com port control"
+            TransportUnavailable, match="cannot be opened: the server does not support com port control"
         ):
             await opening
         connection.close()
@@ -119,7 +119,7 @@ async def test_a_server_that_is_none_or_not_willing_is_said_in_one_line() -> Non
 
 
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # pyserial's own
-async def test_pyserial_as_a_client_of_our_server() -> None:
+async def test_pyserial_is_client_of_our_server() -> None:
     def talk(address: str) -> tuple[bytes, bytes]:
         with serial.serial_for_url(address, baudrate=19_200, parity="E", timeout=2) as port:
             port.write(b"\x05\xff")
@@ -138,7 +138,7 @@ async def test_pyserial_as_a_client_of_our_server() -> None:
         await listening.transport.aclose()
 
 
-async def test_pyserial_as_a_server_of_our_client() -> None:
+async def test_pyserial_is_server_of_our_client() -> None:
     class Connection:
         def __init__(self, connection: socket.socket) -> None:
             self.write = connection.sendall
@@ -171,7 +171,7 @@ async def test_pyserial_as_a_server_of_our_client() -> None:
 # --- clients that come and go
 
 
-async def test_a_link_names_the_pseudo_terminal_and_clients_come_and_go(tmp_path: Path) -> None:
+async def test_link_to_pseudo_terminal_serves_clients_in_turn(tmp_path: Path) -> None:
     link = tmp_path / "robot"
     link.symlink_to("/dev/left/over")
     with closing(Clock.running()) as clock:
@@ -180,14 +180,14 @@ async def test_a_link_names_the_pseudo_terminal_and_clients_come_and_go(tmp_path
         ear = Ear(BYTES, listening.transport)
         for k in range(3):
             client = await connect_bytes(f"serial://{link}?parity=E", clock)
-            heard = Ear(BYTES, client)
+            received = Ear(BYTES, client)
             with pytest.raises(TransportUnavailable, match="another program holds the port"):
                 await connect_bytes(f"serial://{link}", clock)
             client.send(b"%d" % k)
-            await came(ear, k + 1)
+            await wait_for_bytes(ear, k + 1)
             listening.transport.send(WHOLE)
-            await came(heard, len(WHOLE))
-            assert heard.data == WHOLE
+            await wait_for_bytes(received, len(WHOLE))
+            assert received.data == WHOLE
             await client.aclose()
         assert ear.data == b"012"
         assert ear.ends == []
@@ -197,7 +197,7 @@ async def test_a_link_names_the_pseudo_terminal_and_clients_come_and_go(tmp_path
             await connect_bytes(f"serial://{link}", clock)
 
 
-async def test_an_unread_pseudo_terminal_never_blocks_its_emulator() -> None:
+async def test_unread_pseudo_terminal_does_not_block_emulator() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:", clock)
         assert isinstance(listening.transport, PseudoTerminal)
@@ -210,8 +210,8 @@ async def test_an_unread_pseudo_terminal_never_blocks_its_emulator() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="inotify")
-async def test_a_pseudo_terminal_forgets_as_a_uart_does() -> None:
-    """Neither what comes while it is closed nor what the last client left is for the next one."""
+async def test_closed_pseudo_terminal_drops_data() -> None:
+    """Data that arrive while it is closed, or that the last client left, are not for the next one."""
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:", clock)
         terminal = listening.transport
@@ -223,7 +223,7 @@ async def test_a_pseudo_terminal_forgets_as_a_uart_does() -> None:
         client = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         terminal.send(bytes(50_000))  # more than the system holds; the client reads nothing
         os.write(client, b"1")
-        await came(ear, 1)
+        await wait_for_bytes(ear, 1)
         os.close(client)
         await asyncio.sleep(0.05)
         again = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -234,7 +234,7 @@ async def test_a_pseudo_terminal_forgets_as_a_uart_does() -> None:
         await terminal.aclose()
 
 
-async def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:
+async def test_invalid_serial_port_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with closing(Clock.running()) as clock:
         with pytest.raises(TransportUnavailable, match="cannot be opened"):

@@ -1,4 +1,4 @@
-"""The site tools as processes of their own: two tapped lines, and a controller behind RFC 2217."""
+"""Tests of the site tools as separate processes: two tapped lines, and a controller behind RFC 2217."""
 
 import json
 import os
@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.live.processes import HIL, PATIENCE_S, start, told_first
+from tests.live.processes import HIL, PATIENCE_S, emulator_urls, start
 
 pytestmark = pytest.mark.live
 
 
-def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
+def test_two_tapped_lines_are_decoded_and_stored(tmp_path: Path) -> None:
     """The bytes of a read status and its acknowledge, each on the port that listens to its sender."""
     ports = [pty.openpty() for _ in range(2)]
     for _, slave in ports:
@@ -62,29 +62,29 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
     assert "read status, order" in again.stdout
 
 
-def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
+def test_sensor_probe_on_terminal_ends_with_ctrl_c() -> None:
     emulator = start("emulate", "cell", "--json")
     mine, its = pty.openpty()
     try:
-        url = told_first(emulator)["sensor"]
+        url = emulator_urls(emulator)["sensor"]
         process = subprocess.Popen([*HIL, "probe", "sensor", url], stdin=its, stdout=its, stderr=its)
-        said, asked, ends = "", 0, time.monotonic() + PATIENCE_S
-        while said.partition("+Z: skipped")[2].count("Fz") < 2:
-            assert time.monotonic() < ends, said
-            assert process.poll() is None, said
+        messages, requested, ends = "", 0, time.monotonic() + PATIENCE_S
+        while messages.partition("+Z: skipped")[2].count("Fz") < 2:
+            assert time.monotonic() < ends, messages
+            assert process.poll() is None, messages
             if select.select([mine], [], [], 0.2)[0]:
-                said += os.read(mine, 4096).decode()
-            if said.count("Enter skips it") > asked:
-                asked += 1
+                messages += os.read(mine, 4096).decode()
+            if messages.count("Enter skips it") > requested:
+                requested += 1
                 os.write(mine, b"\n")
         process.send_signal(signal.SIGINT)
         while process.poll() is None:
             if select.select([mine], [], [], 0.2)[0]:
-                said += os.read(mine, 4096).decode()
+                messages += os.read(mine, 4096).decode()
         assert process.returncode == 0
-        assert "full scales  Fx 115  Fy 111  Fz 185 N" in said
-        assert re.search(r"stream +\d+ frames a second", said)
-        assert "Traceback" not in said
+        assert "full scales  Fx 115  Fy 111  Fz 185 N" in messages
+        assert re.search(r"stream +\d+ frames per second", messages)
+        assert "Traceback" not in messages
     finally:
         emulator.terminate()
         emulator.communicate(timeout=PATIENCE_S)
@@ -92,12 +92,12 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
         os.close(its)
 
 
-def test_probes_print_json_and_nothing_else() -> None:
-    """Where the search for a link prints its tries, they go to standard error."""
+def test_probes_print_json_only() -> None:
+    """Where the search for a link prints its attempts, they go to standard error."""
     emulator = start("emulate", "cell", "--json")
     try:
-        urls = told_first(emulator)
-        told = {
+        urls = emulator_urls(emulator)
+        reported = {
             device: subprocess.run(
                 [*HIL, "probe", device, urls[device], "--json"],
                 capture_output=True,
@@ -107,7 +107,7 @@ def test_probes_print_json_and_nothing_else() -> None:
             )
             for device in ("sensor", "robot")
         }
-        sensor, robot = (json.loads(told[device].stdout) for device in ("sensor", "robot"))
+        sensor, robot = (json.loads(reported[device].stdout) for device in ("sensor", "robot"))
     finally:
         emulator.terminate()
         emulator.communicate(timeout=PATIENCE_S)
@@ -118,11 +118,11 @@ def test_probes_print_json_and_nothing_else() -> None:
     assert (robot["kind"], robot["would_begin"], robot["refusals"]) == ("s3", True, [])
     assert {"name": "state", "text": "in standby"} in robot["rows"]
     assert robot["url"] == urls["robot"]
-    assert "answered: at 900, -100, 600 mm" in told["robot"].stderr
+    assert "answered: at 900, -100, 600 mm" in reported["robot"].stderr
 
 
-def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
-    """The server knows what the client sets, so that parity can be wrong; the configuration found runs as it is."""
+def test_controller_behind_device_server_is_probed(tmp_path: Path) -> None:
+    """The server applies the client's settings, so parity can be wrong; the configuration found works unchanged."""
     cell = tmp_path / "cell.toml"
     cell.write_text('[cell.s3.link]\nparity = "N"\ndle_stuffing = "double"\naccepted_lengths = "data"\n')
     emulator = start(
@@ -134,7 +134,7 @@ def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
         "s3+rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=N",
     )
     try:
-        url = told_first(emulator)["robot"].partition("?")[0]
+        url = emulator_urls(emulator)["robot"].partition("?")[0]
         site = tmp_path / "site.toml"
         probe = subprocess.run(
             [*HIL, "probe", "robot", url, "-o", str(site)],

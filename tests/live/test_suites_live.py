@@ -1,4 +1,4 @@
-"""The harmless part of the suites, on devices that another process emulates over loopback."""
+"""Test of the harmless part of the suites, on devices that another process emulates over loopback."""
 
 import json
 import subprocess
@@ -28,7 +28,7 @@ PATIENCE_S = 60.0
 OPTIONS = ("-q", "-p", "hil_bridge.testing.plugin", "-p", "no:cacheprovider", "-k", "live")
 
 
-def test_harmless_part_passes_on_devices_of_another_process(tmp_path: Path) -> None:
+def test_harmless_tests_pass_on_devices_of_other_process(tmp_path: Path) -> None:
     (tmp_path / "test_mine.py").write_text(MODULE)
     emulate = [sys.executable, "-m", "hil_bridge", "emulate", "cell", "--robot", "rtde", "--sensor", "netft"]
     emulator = subprocess.Popen([*emulate, "--json"], stdout=subprocess.PIPE, text=True)
@@ -36,16 +36,16 @@ def test_harmless_part_passes_on_devices_of_another_process(tmp_path: Path) -> N
         assert emulator.stdout is not None
         urls = json.loads(emulator.stdout.readline())
         live = [f"--hil-live={urls[device]}" for device in ("robot", "sensor")]
-        told = subprocess.run(
+        reported = subprocess.run(
             [sys.executable, "-m", "pytest", *OPTIONS, *live, str(tmp_path)],
             capture_output=True,
             text=True,
             timeout=PATIENCE_S,
             check=False,
         )
-        assert told.returncode == 0, told.stdout
-        assert "robot client, suite version 1: 1 run (1 passed), 0 skipped" in told.stdout
-        assert "sensor client, suite version 1: 1 run (1 passed), 0 skipped" in told.stdout
+        assert reported.returncode == 0, reported.stdout
+        assert "robot client, suite version 1: 1 run (1 passed), 0 skipped" in reported.stdout
+        assert "sensor client, suite version 1: 1 run (1 passed), 0 skipped" in reported.stdout
     finally:
         emulator.terminate()
         emulator.communicate(timeout=PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Bridge and emulator as two processes whose set points go over their wires every few milliseconds."""
+"""Test of bridge and emulator as two processes whose set points are sent every few milliseconds."""
 
 import json
 from pathlib import Path
@@ -15,10 +15,10 @@ QUICK_BOARD = (
 
 
 @pytest.mark.parametrize(("robot", "sensor"), [("rsi", "ft300"), ("rtde", "jr3-board")])
-def test_two_processes_hold_ten_newtons_with_devices_of_today(
+def test_two_processes_hold_ten_newtons_with_current_devices(
     robot: str, sensor: str, tmp_path: Path, near: str
 ) -> None:
-    """UDP, TCP and a pseudo-terminal in real time; the set points go over them every few milliseconds."""
+    """UDP, TCP and a pseudo-terminal in real time; set points are sent every few milliseconds."""
     summary = tmp_path / "s.json"
     with Path(near).open("a") as config:
         config.write(QUICK_BOARD + PATIENT)

@@ -1,4 +1,4 @@
-"""Wires in real time: the one suite on pseudo-terminals, TCP and python-can, and how TCP fails."""
+"""Tests of wires in real time: the common suite on pseudo-terminals, TCP and python-can, and failures of TCP."""
 
 import asyncio
 import os
@@ -22,7 +22,7 @@ from hil_bridge.errors import (
 from hil_bridge.testing.transports import Ear, StreamCase, TestStreamWire
 from hil_bridge.transports import Frames, Transport, connect_bytes, connect_can, listen_bytes, listen_can
 from protocol.can.frame import CanFrame
-from tests.live.wires import BYTES, came, pty_wire
+from tests.live.wires import BYTES, pty_wire, wait_for_bytes
 
 __all__ = ["TestStreamWire"]
 
@@ -145,7 +145,7 @@ def stream_case(request: pytest.FixtureRequest) -> StreamCase:
     return case
 
 
-async def test_clients_of_a_tcp_listener_come_and_go_one_at_a_time() -> None:
+async def test_tcp_listener_serves_one_client_at_a_time() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("tcp-listen://127.0.0.1:0", clock)
         ear = Ear(BYTES, listening.transport)
@@ -157,20 +157,20 @@ async def test_clients_of_a_tcp_listener_come_and_go_one_at_a_time() -> None:
         await ear.until(lambda: ear.data == b"one ")
         await first.aclose()
         await ear.until(lambda: ear.data == b"one two")
-        heard = Ear(BYTES, second)
+        received = Ear(BYTES, second)
         listening.transport.send(b"hello")
-        await heard.until(lambda: heard.data == b"hello")
+        await received.until(lambda: received.data == b"hello")
         assert ear.ends == []
         await listening.transport.aclose()
-        await heard.until(lambda: bool(heard.ends))
-        assert [type(error) for error in heard.ends] == [TransportEnded]
+        await received.until(lambda: bool(received.ends))
+        assert [type(error) for error in received.ends] == [TransportEnded]
         assert [type(error) for error in ear.ends] == [TransportClosed]
         with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(listening.address, clock)
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "rfc2217"])
-async def test_a_client_that_never_spoke_makes_room(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
+async def test_silent_client_makes_room(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
     monkeypatch.setattr("hil_bridge.transports.tcp.SILENT_S", 0.05)
     with closing(Clock.running()) as clock:
         listening = await listen_bytes(f"{scheme}-listen://127.0.0.1:0", clock)
@@ -189,7 +189,7 @@ async def test_a_client_that_never_spoke_makes_room(monkeypatch: pytest.MonkeyPa
         await listening.transport.aclose()
 
 
-async def test_a_client_that_has_spoken_may_be_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_active_client_may_become_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.transports.tcp.SILENT_S", 0.05)
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("tcp-listen://127.0.0.1:0", clock)
@@ -207,7 +207,7 @@ async def test_a_client_that_has_spoken_may_be_silent(monkeypatch: pytest.Monkey
         await listening.transport.aclose()
 
 
-async def test_a_reset_connection_is_broken() -> None:
+async def test_reset_connection_is_broken() -> None:
     with closing(Clock.running()) as clock, socket.create_server(("127.0.0.1", 0)) as server:
         wire = await connect_bytes(f"tcp://127.0.0.1:{server.getsockname()[1]}", clock)
         ear = Ear(BYTES, wire)
@@ -220,7 +220,7 @@ async def test_a_reset_connection_is_broken() -> None:
         assert "dropped the connection" in str(ear.ends[0])
 
 
-async def test_a_port_in_use_and_a_host_that_is_none_are_said_in_one_line() -> None:
+async def test_busy_port_and_invalid_host_are_refused() -> None:
     with closing(Clock.running()) as clock, socket.create_server(("127.0.0.1", 0)) as server:
         with pytest.raises(TransportUnavailable, match="already listens on this port"):
             await listen_bytes(f"tcp-listen://127.0.0.1:{server.getsockname()[1]}", clock)
@@ -228,7 +228,7 @@ async def test_a_port_in_use_and_a_host_that_is_none_are_said_in_one_line() -> N
             await connect_bytes("tcp://no-such-host.invalid:4000", clock)
 
 
-async def test_a_paced_listener_gives_a_client_its_bytes_at_line_speed() -> None:
+async def test_paced_listener_sends_at_line_speed() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:?baudrate=9600&parity=E", clock)
         assert listening.address.endswith("?baudrate=9600&parity=E&stopbits=1")
@@ -249,8 +249,8 @@ async def test_a_paced_listener_gives_a_client_its_bytes_at_line_speed() -> None
         await listening.transport.aclose()
 
 
-async def test_the_pace_of_9600_baud_is_kept_within_one_percent() -> None:
-    """The best of some tries: what a busy machine adds is not the line's."""
+async def test_pace_of_9600_baud_is_within_1_percent() -> None:
+    """The best of several attempts, because a busy machine only adds time."""
     line_time = 57 * 11 / 9600
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:?baudrate=9600&parity=E", clock)
@@ -263,7 +263,7 @@ async def test_the_pace_of_9600_baud_is_kept_within_one_percent() -> None:
             for _ in range(20):
                 ear.data, start = b"", clock.now()
                 sender.send(bytes(57))
-                await came(ear, 57)
+                await wait_for_bytes(ear, 57)
                 took = clock.now() - start
                 assert took >= line_time
                 best = min(best, took)
@@ -277,7 +277,7 @@ async def test_the_pace_of_9600_baud_is_kept_within_one_percent() -> None:
 # --- connections that drop
 
 
-async def test_connecting_waits_for_a_server_that_starts_later() -> None:
+async def test_connect_waits_for_server_that_starts_later() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     with closing(Clock.running()) as clock:
@@ -291,7 +291,7 @@ async def test_connecting_waits_for_a_server_that_starts_later() -> None:
             await connect_bytes(f"tcp://127.0.0.1:{port}?connect_s=0.25", clock)
 
 
-async def test_a_connection_that_drops_is_made_again_where_that_is_wanted() -> None:
+async def test_dropped_connection_is_restored_if_configured() -> None:
     with closing(Clock.running()) as clock, socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
         notices: list[tuple[str, str]] = []

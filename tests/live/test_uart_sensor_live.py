@@ -1,4 +1,4 @@
-"""A sensor behind its UART gateway on a pseudo-terminal, in real time."""
+"""Test of a sensor behind its UART gateway on a pseudo-terminal, in real time."""
 
 import asyncio
 import itertools
@@ -19,10 +19,10 @@ QUICK = {
     "cell": {"jr3": {"uart": {"boot_s": 0.2, "deaf_s": 0.2}}},
     "sensor": {"jr3": {"uart": {"pause_s": 0.3, "ack_timeout_s": 0.5, "period_ms": 4.0}}},
 }
-"""The same session in less time."""
+"""Settings that make the same session shorter."""
 
 
-def test_a_sensor_on_a_pseudo_terminal() -> None:
+def test_sensor_on_pseudo_terminal() -> None:
     config = read_config(QUICK)
     frames: list[WrenchFrame] = []
 

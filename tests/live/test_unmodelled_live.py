@@ -1,4 +1,4 @@
-"""`emulate` tells a client of today what it relied on and is not modelled: at once, and at its end."""
+"""Test that `emulate` reports features used by a client and not modelled: at once, and at its end."""
 
 import json
 import signal
@@ -12,8 +12,8 @@ import pytest
 pytestmark = pytest.mark.live
 
 
-def test_emulate_tells_each_thing_once_and_all_at_its_end() -> None:
-    """A dashboard client asks for a variable twice, for what no dashboard knows, and for a log."""
+def test_emulate_reports_each_feature_once_and_a_summary() -> None:
+    """A dashboard client requests a variable twice, an unknown command, and a log."""
     command = [sys.executable, "-m", "hil_bridge", "emulate", "robot", "--robot", "rtde", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as serving:
         try:
@@ -31,12 +31,12 @@ def test_emulate_tells_each_thing_once_and_all_at_its_end() -> None:
                     lines.flush()
                     assert lines.readline().startswith("could not understand")
             serving.send_signal(signal.SIGINT)
-            _, told = serving.communicate(timeout=30)
+            _, reported = serving.communicate(timeout=30)
         finally:
             serving.kill()
     assert serving.returncode == 0
-    detail = "answered as one that is not understood"
-    assert told.splitlines() == [
+    detail = "answered as not understood"
+    assert reported.splitlines() == [
         f"dashboard command get variable of rtde is not modelled: {detail}",
         f"dashboard command log of rtde is not modelled: {detail}",
         "your client relied on 2 things that are not modelled: "

@@ -1,7 +1,8 @@
-"""Ways out of a run in contact over pseudo-terminals, with the cell in a process of its own.
+"""Tests of the ends of a run in contact over pseudo-terminals, with the cell in a separate process.
 
-The cell outlives the run: its panel tells where the tool was left, and so with what force. What signals and faults
-lead to is held in virtual time, in `tests/guard/test_process_edges.py` and `tests/guard/test_ways_out.py`.
+The cell outlives the run: its panel shows where the tool was left, and so its force.
+`tests/guard/test_process_edges.py` and `tests/guard/test_ways_out.py` test the effects of signals and faults in virtual
+time.
 """
 
 import os
@@ -16,12 +17,12 @@ import pytest
 
 from hil_bridge.devices.panel import ask
 from hil_bridge.record import EventKind, read
-from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, start, told_first, wait_until
+from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, emulator_urls, start, wait_until
 
 pytestmark = pytest.mark.live
 
 AT_THE_KEYBOARD = "import fcntl, termios\nfcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
-"""Standard input becomes the terminal that the process was started from."""
+"""Makes standard input the terminal from which the process was started."""
 SURFACE_MM, STIFFNESS_N_MM = 590.0, 5.0
 CONFIG = f"""
 {NEAR}
@@ -30,23 +31,23 @@ cycle_deadline_ms = 5000.0
 stale_after_ms = 1500.0
 retract_patience_s = 2.0
 """
-"""Patient with a busy machine."""
+"""Configuration that tolerates a busy machine."""
 
 
 class Cell:
-    """An emulated cell in a process of its own."""
+    """Emulated cell in a separate process."""
 
     def __init__(self, folder: Path) -> None:
         (folder / "c.toml").write_text(CONFIG)
         panel = ("--panel", "tcp-listen://127.0.0.1:0")
         self.process = start("emulate", "cell", str(folder / "c.toml"), "--json", *panel)
-        where = told_first(self.process)
+        where = emulator_urls(self.process)
         self.panel = where.pop("panel")
         self.options = [text for name, value in where.items() for text in (f"--{name}", value)]
 
     @property
     def force(self) -> float:
-        """True force of the surface, N."""
+        """Return the true force of the surface, N."""
         z = ask(self.panel, {"do": "show"})["state"]["true_position_mm"][2]
         return max(0.0, SURFACE_MM - float(z)) * STIFFNESS_N_MM
 
@@ -59,7 +60,7 @@ def cell(tmp_path: Path) -> Iterator[Cell]:
     made.process.communicate()
 
 
-def test_a_key_marks_and_ends_the_run_and_the_terminal_is_left_as_it_was(cell: Cell, tmp_path: Path) -> None:
+def test_keys_mark_and_end_run_and_restore_terminal(cell: Cell, tmp_path: Path) -> None:
     master, slave = pty.openpty()
     typing = termios.tcgetattr(slave)
     command = [HIL[0], "-c", AT_THE_KEYBOARD + HIL[2], "run", "c.toml", *cell.options]
@@ -87,13 +88,13 @@ def test_a_key_marks_and_ends_the_run_and_the_terminal_is_left_as_it_was(cell: C
     assert "Traceback" not in output
     record = read(tmp_path / "run.mcap")
     assert record.end["outcome"] == "interrupted"
-    told = [event.text for event in record.events if event.kind in (EventKind.MARK, EventKind.OPERATOR)]
-    assert told == ["number 1", "asked for the end with the key r"]
+    reported = [event.text for event in record.events if event.kind in (EventKind.MARK, EventKind.OPERATOR)]
+    assert reported == ["number 1", "requested the end with the key r"]
 
 
 @pytest.mark.timeout(300)
-def test_after_kill_9_the_next_run_is_refused_and_the_tool_freed(cell: Cell, tmp_path: Path) -> None:
-    """An operator frees it then."""
+def test_run_after_kill_9_is_refused_until_tool_is_freed(cell: Cell, tmp_path: Path) -> None:
+    """An operator then frees it."""
 
     def hil(*arguments: str) -> "subprocess.CompletedProcess[str]":
         return subprocess.run(

@@ -1,4 +1,4 @@
-"""A pseudo-terminal with a program at each end, and the wait for bytes, for tests of wires in real time."""
+"""Pseudo-terminal with a program at each end, and waiting for bytes, for tests of wires in real time."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -9,7 +9,7 @@ from hil_bridge.testing.transports import Ear, StreamCase
 from hil_bridge.transports import connect_bytes, listen_bytes
 
 
-async def came(ear: Ear, count: int) -> None:
+async def wait_for_bytes(ear: Ear, count: int) -> None:
     await ear.until(lambda: len(ear.data) == count)
 
 

@@ -1,14 +1,14 @@
-"""A test as a user writes it: the emergency stop is pressed while the tool presses."""
+"""Test as a user writes it: the emergency stop is pressed while the tool presses."""
 
 import time
 
 import hil_bridge
 
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 0.5}
-hil_bridge.load()  # what is imported once takes its time here
+hil_bridge.load()  # the first import takes its time here
 
 
-def test_emergency_stop_ends_the_run_and_says_so():
+def test_emergency_stop_ends_run_with_report():
     began = time.process_time()
     result = hil_bridge.simulate({"run": {"duration_s": 3.0}}, faults=[STOP], seed=7)
     assert result.outcome == "stopped"

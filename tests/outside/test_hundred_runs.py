@@ -1,4 +1,4 @@
-"""A study as a user writes it: a hundred runs in one process, whose memory does not grow."""
+"""Study as a user writes it: a hundred runs in one process, whose memory does not grow."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4096
 
 
-def test_a_hundred_runs_leave_no_memory_behind() -> None:
+def test_hundred_runs_do_not_leak_memory() -> None:
     largest, resident = [], []
     for seed in range(100):
         result = hil_bridge.simulate(SHORT, seed=seed)

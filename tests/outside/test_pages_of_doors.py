@@ -1,4 +1,4 @@
-"""The code on the pages for authors is that of the examples, as it stands there."""
+"""Tests that the code on the pages for authors is taken from the examples unchanged."""
 
 import re
 from pathlib import Path
@@ -22,12 +22,12 @@ CODE = [
 @pytest.mark.parametrize(
     ("page", "number", "block"), CODE, ids=[f"{page}-{number}" for page, number, _ in CODE]
 )
-def test_a_block_of_code_stands_in_an_example(page: str, number: int, block: str) -> None:
+def test_code_block_is_part_of_example(page: str, number: int, block: str) -> None:
     assert any(block.strip("\n") in path.read_text(encoding="utf-8") for path in FILES), block
 
 
-def test_each_page_has_code_and_names_its_examples() -> None:
+def test_each_page_has_code_and_names_examples() -> None:
     assert {page for page, _, _ in CODE} == set(PAGES)
     named = {name for text in PAGES.values() for name in re.findall(r"`examples/([a-z-]+)`", text)}
     packages = {path.parent.name for path in FILES if path.name == "pyproject.toml"}
-    assert named == packages - {"paper-experiments"}  # repeats the paper, and shows no seam
+    assert named == packages - {"paper-experiments"}  # repeats the paper, and shows no extension point

@@ -1,4 +1,4 @@
-"""Every name of ours that a page tells an author to use stands in the reference of names."""
+"""Public names that the pages for authors mention are in the reference."""
 
 import importlib
 import pkgutil
@@ -25,10 +25,10 @@ PAGES = (
     "reference/surfaces.md",
     "reference/testing.md",
 )
-"""Pages that tell authors which names to use."""
-OF_THE_EXAMPLE = {"Reader", "ROBOT", "SENSOR", "SURFACE"}
-"""Names of an author's own package, which one of ours has too."""
-OF_OTHERS = {"NamedTuple", "Struct"}
+"""Pages that name what authors should use."""
+EXAMPLE_NAMES = {"Reader", "ROBOT", "SENSOR", "SURFACE"}
+"""Names of an author's own package that also exist in ours."""
+THIRD_PARTY_NAMES = {"NamedTuple", "Struct"}
 """Names of other libraries."""
 CODE = re.compile(r"`([A-Za-z_]\w*)(?:\.\w+)*(?:\([^`]*\))?`")
 IMPORT = re.compile(r"^from ((?:hil_bridge|emulators|protocol)[\w.]*) import (.+)$", re.MULTILINE)
@@ -36,50 +36,52 @@ REFERENCE = {name for modules in GROUPS.values() for names in modules.values() f
 
 
 def defined_names() -> set[str]:
-    """Names with a capital of all modules of ours."""
+    """Return the capitalised names of all our modules."""
     return {
         name
         for package in (protocol, emulators, hil_bridge)
-        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
-        if not found.name.endswith("__main__")
-        for name in vars(importlib.import_module(found.name))
+        for result in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+        if not result.name.endswith("__main__")
+        for name in vars(importlib.import_module(result.name))
         if re.fullmatch(r"[A-Z]\w*", name)
     }
 
 
-def imported(text: str) -> Iterator[str]:
-    """Names that the code of a page imports from us, a star aside."""
+def imported_names(text: str) -> Iterator[str]:
+    """Return the names that the code on a page imports from us, except star imports."""
     for names in IMPORT.findall(text):
         yield from (name.strip() for name in names[1].split("#")[0].split(",") if name.strip() != "*")
 
 
-def with_their_file(text: str) -> Iterator[str]:
-    """Names that a page writes before their file, as in `pose` (`protocol/geometry.py`)."""
+def names_with_file(text: str) -> Iterator[str]:
+    """Return the names that a page writes before their file, as in `pose` (`protocol/geometry.py`)."""
     yield from re.findall(r"`(\w+)(?:\([^`]*\))?` \(`(?:protocol|emulators|hil_bridge)/[\w/]+\.py`\)", text)
 
 
 @pytest.fixture(scope="module")
-def ours() -> set[str]:
+def known_names() -> set[str]:
     return defined_names()
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_each_name_of_a_page_is_in_the_reference(page: str, ours: set[str]) -> None:
+def test_names_on_pages_are_in_the_reference(page: str, known_names: set[str]) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
-    capitals = {name for name in CODE.findall(text) if name in ours} - OF_THE_EXAMPLE - OF_OTHERS
-    named = capitals | set(imported(text)) | (set(with_their_file(text)) - OF_THE_EXAMPLE)
+    capitals = (
+        {name for name in CODE.findall(text) if name in known_names} - EXAMPLE_NAMES - THIRD_PARTY_NAMES
+    )
+    named = capitals | set(imported_names(text)) | (set(names_with_file(text)) - EXAMPLE_NAMES)
     assert sorted(named - REFERENCE - set(api.__all__)) == []
 
 
-def test_the_pages_name_many() -> None:
-    """The search itself finds what it should: names with capitals, imports, and functions with their file."""
+def test_pages_contain_many_names() -> None:
+    """The search finds what it should: capitalised names, imports, and functions with their file."""
     text = (DOCS / "how-to/devices.md").read_text(encoding="utf-8")
     assert {"SensorClient", "SIGNAL_FAULTS", "OwnFaults"} <= set(CODE.findall(text))
-    assert "SensorEventQueue" in set(with_their_file(text))
-    assert "RobotCase" in set(imported((DOCS / "reference/testing.md").read_text(encoding="utf-8")))
+    assert "SensorEventQueue" in set(names_with_file(text))
+    assert "RobotCase" in set(imported_names((DOCS / "reference/testing.md").read_text(encoding="utf-8")))
 
 
-def test_each_name_is_there_and_has_words() -> None:
+def test_names_exist_and_have_docstrings() -> None:
     for modules in GROUPS.values():
         for module, names in modules.items():
             for name in names:
@@ -87,5 +89,5 @@ def test_each_name_is_there_and_has_words() -> None:
                 assert f"{module}.{name}\n" in author_names()
 
 
-def test_the_package_page_has_every_public_name() -> None:
+def test_package_page_lists_every_public_name() -> None:
     assert [name for name in api.__all__ if f"hil_bridge.{name}\n" not in package_names()] == []

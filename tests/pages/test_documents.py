@@ -1,4 +1,4 @@
-"""Tables and pictures of the documents are those of the code and of the figures that are kept."""
+"""Tables and pictures of the documents are up to date with the code and the stored figures."""
 
 import pytest
 
@@ -14,9 +14,9 @@ def test_document_is_up_to_date(name: str) -> None:
     assert not stale, f"run python -m tools.documents {name}"
 
 
-def test_table_without_its_place_is_refused() -> None:
+def test_table_without_placeholder_is_refused() -> None:
     page = "before\n<!-- one: begin -->\nold\n<!-- one: end -->\nafter\n"
     assert placed(page, {"one": "new"}) == page.replace("old", "new")
     for text in (page.replace("one: begin", "two: begin"), page.replace("one: end", "two: end")):
-        with pytest.raises(ValueError, match="no place for 'one'"):
+        with pytest.raises(ValueError, match="no marks for 'one'"):
             placed(text, {"one": "new"})

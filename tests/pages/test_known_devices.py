@@ -1,4 +1,4 @@
-"""The page of robots and sensors: every kind has its evidence, and each witness stands on the page of fidelity."""
+"""Page of robots and sensors: every kind has its evidence, and each witness is on the page of fidelity."""
 
 from pathlib import Path
 
@@ -13,19 +13,19 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 FIDELITY = (DOCS / "explanation" / "fidelity.md").read_text(encoding="utf-8")
 
 
-def test_every_kind_of_ours_has_its_evidence() -> None:
+def test_every_built_in_kind_has_evidence() -> None:
     assert set(EVIDENCE) == {*ROBOTS.own, *SENSORS.own}
 
 
 @pytest.mark.parametrize("kind", EVIDENCE)
-def test_each_witness_and_page_is_there(kind: str) -> None:
+def test_each_witness_and_page_exists(kind: str) -> None:
     evidence = EVIDENCE[kind]
     assert evidence.witnesses
     assert [name for name in evidence.witnesses if name not in FIDELITY] == []
     assert (DOCS / "reference" / f"{evidence.page}.md").is_file()
 
 
-def test_the_marks_are_counted_from_the_settings() -> None:
+def test_device_marks_are_counted_from_settings() -> None:
     marks = count_marks(with_all_kinds(), "ft300")
     assert marks[Mark.ASSUMED] > marks[Mark.OBSERVED] > 0
     row = next(line for line in known_devices().splitlines() if line.startswith("| `ft300`, `ft300-urcap` |"))

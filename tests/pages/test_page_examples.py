@@ -1,4 +1,4 @@
-"""The runner of the pages' console examples: what it runs, what it finds wrong, and what it does not let pass."""
+"""Runner of the pages' console examples: examples run, mistakes detected, and examples refused."""
 
 import re
 from pathlib import Path
@@ -15,11 +15,11 @@ PAGES = [
     *(path for path in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in path.parts),
 ]
 COMMAND = re.compile(r"^(?:\$ |hil-bridge |pip install |pytest |make )", re.MULTILINE)
-"""A line that a reader would type."""
+"""Line that a reader would type."""
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_command_stands_in_a_fence_that_is_run(path: Path) -> None:
+def test_page_commands_are_in_executed_fences(path: Path) -> None:
     plain = RawFencedCodeBlockLexer(re.compile(r"(?:|sh|bash|shell)$\n", re.MULTILINE))
     document = Document(path.read_text(encoding="utf-8"), str(path))
     loose = [
@@ -29,7 +29,7 @@ def test_a_command_stands_in_a_fence_that_is_run(path: Path) -> None:
 
 
 def outcomes(tmp_path: Path, text: str) -> list[str]:
-    """Of each example of a page what went wrong; empty where nothing did."""
+    """Return the failure of each example on a page; empty for none."""
     path = tmp_path / "page.md"
     path.write_text(text, encoding="utf-8")
     document = Document.parse(str(path), fences)
@@ -41,7 +41,7 @@ def outcomes(tmp_path: Path, text: str) -> list[str]:
 
 
 def outcome(example: Example) -> str:
-    """The failure of one."""
+    """Return the failure of one example."""
     try:
         example.evaluate()
     except SybilFailure as failure:
@@ -49,7 +49,7 @@ def outcome(example: Example) -> str:
     return ""
 
 
-def test_a_page_has_one_shell_files_and_a_command_beside_it(tmp_path: Path) -> None:
+def test_page_example_has_shell_files_and_command(tmp_path: Path) -> None:
     page = """
 ```console
 $ mkdir inner && cd inner
@@ -76,7 +76,7 @@ hel...
 
 
 @pytest.mark.parametrize(
-    ("fence", "words"),
+    ("fence", "message"),
     [
         ("$ echo one\ntwo\n", "Expected:\n    two\nGot:\n    one"),
         ("$ (exit 3)\n", "exit code 3"),
@@ -84,16 +84,16 @@ hel...
         ("$ exit 0\n", "ended the shell"),
     ],
 )
-def test_a_page_that_is_wrong_is_found(fence: str, words: str, tmp_path: Path) -> None:
-    if "shell" in words:
-        with pytest.raises(ChildProcessError, match=words):
+def test_wrong_page_is_detected(fence: str, message: str, tmp_path: Path) -> None:
+    if "shell" in message:
+        with pytest.raises(ChildProcessError, match=message):
             outcomes(tmp_path, f"```console\n{fence}```\n")
     else:
-        assert words in outcomes(tmp_path, f"```console\n{fence}```\n")[0]
+        assert message in outcomes(tmp_path, f"```console\n{fence}```\n")[0]
 
 
-def test_output_that_says_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="says nothing"):
+def test_empty_expected_output_is_refused() -> None:
+    with pytest.raises(ValueError, match="must not be"):
         commands("$ ls\n...\n")
     with pytest.raises(ValueError, match="must begin with a command"):
         commands("hil-bridge run\n")

@@ -1,4 +1,4 @@
-"""The page on programs says what the code has: its tables, its examples, and a file as it prints it."""
+"""The page on programs matches the code: tables, examples and printed file."""
 
 import re
 import runpy
@@ -21,22 +21,22 @@ def tool() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "tools" / "tasks_doc.py"))
 
 
-def test_a_setting_without_a_meaning_is_missed(tool: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"cannot tell what press.for_s means"):
+def test_setting_without_description_is_detected(tool: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"no description of press.for_s"):
         tool["section_table"]("press", Hold)
 
 
-def test_every_example_has_its_picture_and_its_link() -> None:
+def test_every_example_has_picture_and_link() -> None:
     for path in (ROOT / "examples" / "tasks").glob("*.toml"):
         assert f"../examples/tasks/{path.name}" in PAGE
         assert f"/task-{path.stem}.png)" in PAGE
         assert (ROOT / "docs" / "pictures" / f"task-{path.stem}.png").stat().st_size < 100_000
 
 
-def test_the_programs_on_the_page_can_be(tmp_path: Path) -> None:
-    found = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    assert len(found) == 2
-    for text in found:
+def test_programs_on_page_are_valid(tmp_path: Path) -> None:
+    result = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    assert len(result) == 2
+    for text in result:
         path = tmp_path / "program.toml"
         path.write_text(text)
         overrides = {"task.file": str(path)} if is_program(parse_toml(text, "page")) else {}

@@ -1,4 +1,4 @@
-"""The environment of Gymnasium: a run of the bridge, one decision at a time."""
+"""Gymnasium environment: a run of the bridge, one decision at a time."""
 
 import math
 import threading
@@ -36,19 +36,19 @@ def press(observation: Any) -> Any:
 
 
 def play(env: Any, policy: Any, seed: int | None = None) -> tuple[list[float], list[Any], dict[str, Any]]:
-    """One episode: its rewards, its observations, and the last info with that of the begin."""
+    """Return the rewards and observations of an episode, and the last info merged with that of the reset."""
     observation, begun = env.reset(seed=seed)
-    rewards, seen, over, info = [], [observation], False, {}
+    rewards, observations, over, info = [], [observation], False, {}
     while not over:
         observation, reward, terminated, truncated, info = env.step(np.array(policy(observation)))
         rewards.append(float(reward))
-        seen.append(observation)
+        observations.append(observation)
         over = terminated or truncated
-    return rewards, seen, {**begun, **info, "terminated": terminated, "truncated": truncated}
+    return rewards, observations, {**begun, **info, "terminated": terminated, "truncated": truncated}
 
 
 @pytest.mark.full
-def test_checker_of_gymnasium_finds_nothing() -> None:
+def test_environment_passes_gymnasium_checker() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for actions in (("along",), ("along", "turn")):
@@ -76,7 +76,7 @@ def test_seed_repeats_episodes() -> None:
         ("egm", "netft", ("along",)),
     ],
 )
-def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> None:
+def test_policy_decides_identically_in_run(robot: str, sensor: str, axes: Any) -> None:
     policy = gentle if len(axes) == 1 else lambda observation: [*gentle(observation), 0.3]
     options = {"config": NEAR, "randomise": STIFFNESS, "actions": axes}
     env = FollowEnv(robot, sensor, **options)
@@ -86,9 +86,9 @@ def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> No
         observed.append(observation)
         return policy(observation)
 
-    _, seen, info = play(env, policy, 3)
+    _, observations, info = play(env, policy, 3)
     result = hil_bridge.simulate(env.config(info["seed"]), controller=PolicyController(watched, axes))
-    assert np.array_equal(seen[:-1], observed)
+    assert np.array_equal(observations[:-1], observed)
     assert len(observed) > 3
     assert result.outcome == info["outcome"] == "completed"
     assert info["truncated"]
@@ -99,17 +99,17 @@ def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> No
         assert result.cycles[-1].across_commanded > 1e-4
 
 
-def test_observation_is_what_the_client_decoded() -> None:
-    seen = []
+def test_observation_equals_decoded_sample() -> None:
+    samples = []
 
     def policy(observation: Any) -> Any:
-        seen.append(observation)
+        samples.append(observation)
         return gentle(observation)
 
     result = hil_bridge.simulate(NEAR, controller=PolicyController(policy), seed=4)
     cycles = [cycle for cycle in result.cycles if "action_along" in cycle.explanation]
-    assert len(cycles) == len(seen)
-    for cycle, observation in zip(cycles, seen, strict=True):
+    assert len(cycles) == len(samples)
+    for cycle, observation in zip(cycles, samples, strict=True):
         sample = cycle.sample
         assert sample is not None
         values = dict(zip(PLACE, map(float, observation), strict=True))
@@ -121,7 +121,7 @@ def test_observation_is_what_the_client_decoded() -> None:
         assert values["in_contact"] == cycle.in_contact
 
 
-def test_stop_of_the_guard_ends_the_episode_and_is_kept(tmp_path: Path) -> None:
+def test_guard_stop_ends_episode_and_is_recorded(tmp_path: Path) -> None:
     env = FollowEnv(surface={"stiffness_n_m": 1e5}, config=NEAR, speed_mm_s=11.0, keep=tmp_path)
     rewards, _, info = play(env, press, 1)
     assert info["terminated"]
@@ -142,7 +142,7 @@ def test_stop_of_the_guard_ends_the_episode_and_is_kept(tmp_path: Path) -> None:
     assert any(cycle.differences for cycle in other)
 
 
-def test_lost_contact_costs_more_than_no_force() -> None:
+def test_reward_of_lost_contact_is_below_zero_force() -> None:
     def leave(observation: Any) -> Any:
         return [-1.0]
 
@@ -154,19 +154,19 @@ def test_lost_contact_costs_more_than_no_force() -> None:
 
 
 def test_reward_may_be_a_function() -> None:
-    given: list[Transition] = []
+    transitions: list[Transition] = []
 
     def count(transition: Transition) -> float:
-        given.append(transition)
+        transitions.append(transition)
         return float(len(transition.cycles))
 
     rewards, _, _ = play(FollowEnv(config=NEAR, reward=count), gentle, 1)
-    assert rewards == [len(one.cycles) for one in given]
-    assert all(one.seconds > 0.1 for one in given)
-    assert [one.result is None for one in given] == [True] * (len(given) - 1) + [False]
+    assert rewards == [len(one.cycles) for one in transitions]
+    assert all(one.seconds > 0.1 for one in transitions)
+    assert [one.result is None for one in transitions] == [True] * (len(transitions) - 1) + [False]
 
 
-def test_faults_are_drawn_for_each_episode() -> None:
+def test_episode_faults_are_drawn_by_seed() -> None:
     late = {"on": "wire", "fault": "late", "phase": "approach", "with": {"ms": {"from": 1.0, "to": 9.0}}}
     env = FollowEnv(config=NEAR, faults=[late])
     drawn = [play(env, gentle, seed)[2]["drawn"] for seed in (1, 2)]
@@ -177,7 +177,7 @@ def test_faults_are_drawn_for_each_episode() -> None:
 
 
 @pytest.mark.full
-def test_environments_go_in_processes() -> None:
+def test_environments_run_in_subprocesses() -> None:
     def make() -> Any:
         import hil_bridge.gym  # noqa: F401  registers the environment in the process
 
@@ -201,7 +201,7 @@ def test_environments_go_in_processes() -> None:
 
 
 @pytest.mark.full
-def test_memory_and_threads_stay_flat() -> None:
+def test_episodes_leak_no_memory_or_threads() -> None:
     def resident_mb() -> float:
         return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
 
@@ -210,7 +210,7 @@ def test_memory_and_threads_stay_flat() -> None:
     before = 0.0
     for number in range(25):
         play(env, gentle)
-        env.reset()  # and left where it stands
+        env.reset()  # and left in place
         if number == 4:
             before = resident_mb()
     assert resident_mb() - before < 8.0
@@ -219,7 +219,7 @@ def test_memory_and_threads_stay_flat() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"reward": "none-such"}, "unknown reward 'none-such'; known: force-error"),
         ({"gravity": 1}, "has no argument 'gravity'"),
@@ -241,20 +241,20 @@ def test_memory_and_threads_stay_flat() -> None:
         ({"robot": "none-such"}, "none-such"),
     ],
 )
-def test_wrong_argument_is_told_in_a_line(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(ConfigError) as told:
+def test_invalid_argument_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError) as raised:
         FollowEnv(**options)
-    assert words in str(told.value)
-    assert "\n" not in str(told.value)
+    assert message in str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
-def test_run_without_contact_is_told() -> None:
+def test_reset_without_contact_is_refused() -> None:
     env = FollowEnv(config={**NEAR, "task": {"approach_depth_limit_mm": 0.5}})
     with pytest.raises(ConfigError, match=r"no run reaches a contact.*no contact found"):
         env.reset(options={"episode": 1})
 
 
-def test_wrong_action_is_refused() -> None:
+def test_invalid_action_is_refused() -> None:
     env = FollowEnv(config=NEAR)
     env.reset(seed=1)
     for wrong in ([0.0, 0.0], [float("nan")]):
@@ -263,7 +263,7 @@ def test_wrong_action_is_refused() -> None:
     env.close()
 
 
-def test_reward_of_another_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plugin_reward_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = tmp_path / "sevens-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: sevens\nVersion: 1.0\n")

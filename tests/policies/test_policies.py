@@ -1,4 +1,4 @@
-"""A policy as a controller: an object, or an ONNX file by its path."""
+"""Policy as a controller: an object, or the path of an ONNX file."""
 
 import hashlib
 import math
@@ -32,13 +32,13 @@ WEIGHTS = (2.0, -0.4, -0.1)
 
 @pytest.fixture
 def onnx_file(tmp_path: Path) -> Path:
-    """The example's policy in a file."""
-    place = tmp_path / "policy.onnx"
-    TRAIN["write_onnx"](WEIGHTS, place)
-    return place
+    """File with the policy of the example."""
+    path = tmp_path / "policy.onnx"
+    TRAIN["write_onnx"](WEIGHTS, path)
+    return path
 
 
-def test_file_runs_and_replays_bit_by_bit(onnx_file: Path, tmp_path: Path) -> None:
+def test_policy_file_replays_bit_by_bit(onnx_file: Path, tmp_path: Path) -> None:
     digest = hashlib.sha256(onnx_file.read_bytes()).hexdigest()
     section = {"name": "policy", "parameters": {"file": str(onnx_file), "sha256": digest}}
     result = hil_bridge.simulate({**SHORT, "controller": section})
@@ -46,10 +46,10 @@ def test_file_runs_and_replays_bit_by_bit(onnx_file: Path, tmp_path: Path) -> No
     result.save(tmp_path / "run.mcap")
     replayed = CliRunner().invoke(cli, ["replay", str(tmp_path / "run.mcap")])
     assert replayed.exit_code == 0, replayed.output
-    given = hil_bridge.simulate(SHORT, controller=PolicyController(TRAIN["linear"](WEIGHTS)))
+    direct = hil_bridge.simulate(SHORT, controller=PolicyController(TRAIN["linear"](WEIGHTS)))
     ours, theirs = (
         [cycle.explanation["action_along"] for cycle in one.cycles if "action_along" in cycle.explanation]
-        for one in (result, given)
+        for one in (result, direct)
     )
     assert ours == pytest.approx(theirs, abs=1e-5)
     TRAIN["write_onnx"]((0.5, 0.0, 0.0), onnx_file)
@@ -58,14 +58,14 @@ def test_file_runs_and_replays_bit_by_bit(onnx_file: Path, tmp_path: Path) -> No
     assert "is not that of" in str(changed.exception)
 
 
-def test_file_is_looked_for_beside_the_configuration(onnx_file: Path, tmp_path: Path) -> None:
+def test_policy_file_path_is_relative_to_configuration(onnx_file: Path, tmp_path: Path) -> None:
     text = '[controller]\nname = "policy"\n[controller.parameters]\nfile = "policy.onnx"\n'
     (tmp_path / "policy.toml").write_text(text)
     config = hil_bridge.load(tmp_path / "policy.toml")
     assert config.controller.parameters["file"] == str(onnx_file)
 
 
-def test_file_is_one_among_processes(onnx_file: Path) -> None:
+def test_policy_file_works_in_process_pool(onnx_file: Path) -> None:
     controller = make_controller("policy", file=str(onnx_file))
     again = pickle.loads(pickle.dumps(controller))
     assert again == controller
@@ -76,25 +76,25 @@ def test_file_is_one_among_processes(onnx_file: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"no onnx", bytes(5000), b"\x08\x07\x12\x04" * 40])
-def test_damaged_file_is_told_in_a_line(content: bytes, tmp_path: Path) -> None:
-    place = tmp_path / "damaged.onnx"
-    place.write_bytes(content)
-    with pytest.raises(ConfigError) as told:
-        make_controller("policy", file=str(place))
-    assert "damaged.onnx is no ONNX policy from" in str(told.value)
-    assert "\n" not in str(told.value)
+def test_damaged_policy_file_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.onnx"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as raised:
+        make_controller("policy", file=str(path))
+    assert "damaged.onnx is not an ONNX policy from" in str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_file_that_is_no_ordinary_one_is_refused(kind: str, tmp_path: Path) -> None:
-    place = tmp_path / "policy.onnx"
+def test_non_regular_results_file_is_refused(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "policy.onnx"
     if kind == "pipe":
-        os.mkfifo(place)
-    with pytest.raises(ConfigError, match=f"it is a {kind}; name an ordinary file"):
-        make_controller("policy", file=str(place if kind == "pipe" else "/dev/zero"))
+        os.mkfifo(path)
+    with pytest.raises(ConfigError, match=f"it is a {kind}, not a regular file"):
+        make_controller("policy", file=str(path if kind == "pipe" else "/dev/zero"))
 
 
-def test_file_with_a_loop_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_file_with_endless_view_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     onnx = pytest.importorskip("onnx")
     monkeypatch.setattr("hil_bridge.control.laws.policy.TRIAL_S", 0.2)
     make, number = onnx.helper, onnx.TensorProto
@@ -119,34 +119,34 @@ def test_file_with_a_loop_that_never_ends_is_refused(tmp_path: Path, monkeypatch
         [value("action", number.FLOAT, [1, len(OBSERVED)])],
         [make.make_tensor("times", number.INT64, [], [1 << 40])],
     )
-    place = tmp_path / "loop.onnx"
+    path = tmp_path / "loop.onnx"
     model = make.make_model(graph, opset_imports=[make.make_opsetid("", 17)], ir_version=8)
-    place.write_bytes(model.SerializeToString())
-    with pytest.raises(ConfigError, match=r"it has not answered within 0\.2 s"):
-        make_controller("policy", file=str(place))
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ConfigError, match=r"it did not answer within 0\.2 s"):
+        make_controller("policy", file=str(path))
 
 
 @pytest.mark.parametrize(
-    ("parameters", "words"),
+    ("parameters", "message"),
     [
         ({}, "must be the path of an ONNX file"),
         ({"file": "/nowhere/policy.onnx"}, "cannot read /nowhere/policy.onnx"),
         ({"file": "x", "speed_mm_s": 0.0}, "must be above 0"),
     ],
 )
-def test_wrong_setting_is_told(parameters: dict[str, Any], words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
+def test_invalid_policy_setting_is_refused(parameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         hil_bridge.simulate({"controller": {"name": "policy", "parameters": parameters}})
 
 
-@pytest.mark.parametrize("answer", [[1.0, 2.0], [math.nan], "no", None])
-def test_answer_that_is_no_action_stops_the_run(answer: Any) -> None:
-    result = hil_bridge.simulate(SHORT, controller=PolicyController(lambda observation: answer))
+@pytest.mark.parametrize("action", [[1.0, 2.0], [math.nan], "no", None])
+def test_invalid_policy_action_stops_run(action: Any) -> None:
+    result = hil_bridge.simulate(SHORT, controller=PolicyController(lambda observation: action))
     assert result.cause is Cause.CONTROLLER
     assert result.retracted
 
 
-def test_action_beyond_its_range_is_cut() -> None:
+def test_action_out_of_range_is_clipped() -> None:
     controller = PolicyController(lambda observation: [9.0, -9.0], ("along", "across"), 5.0)
     measurement = Measurement(0.0, 5.0, 1e-3, 2e-3, dt=0.1)
     state, command = controller.step(controller.initial(), measurement, 10.0)
@@ -158,8 +158,8 @@ def test_action_beyond_its_range_is_cut() -> None:
 
 
 @pytest.mark.parametrize("speed_mm_s", [60.0, 1e12])
-def test_a_way_aside_is_no_faster_than_the_travel(speed_mm_s: float) -> None:
-    """An excess of the command would carry the tool aside while it retracts."""
+def test_lateral_command_is_limited_to_travel_speed(speed_mm_s: float) -> None:
+    """An excessive command would move the tool laterally during the retraction."""
     policy = PolicyController(lambda observation: [0.0, 1.0], ("along", "across"), speed_mm_s)
     result = hil_bridge.simulate({**SHORT, "robot": {"velocity_mm_s": 80.0}}, controller=policy, seed=2)
     aside = [cycle.across_commanded for cycle in result.cycles]
@@ -172,7 +172,7 @@ def test_a_way_aside_is_no_faster_than_the_travel(speed_mm_s: float) -> None:
 
 
 @pytest.mark.parametrize("aside", [math.inf, math.nan])
-def test_a_way_aside_that_is_no_number_is_a_controller_that_fails(aside: float) -> None:
+def test_non_numeric_lateral_command_fails_controller(aside: float) -> None:
     class Lost(PolicyController):
         def step(self, state, measurement, reference):
             memory, command = super().step(state, measurement, reference)
@@ -180,12 +180,12 @@ def test_a_way_aside_that_is_no_number_is_a_controller_that_fails(aside: float) 
 
     result = hil_bridge.simulate(SHORT, controller=Lost(lambda observation: [0.0]), seed=2)
     assert result.cause is Cause.CONTROLLER
-    assert f"{aside} m aside" in result.text
+    assert f"{aside} m sideways" in result.text
     assert all(math.isfinite(cycle.across_commanded) for cycle in result.cycles)
     assert result.retracted
 
 
-def test_observation_stays_in_its_range() -> None:
+def test_observation_stays_in_space() -> None:
     wild = Measurement(0.0, 1e30, math.nan, -1e30, dt=1e9)
     observed = observe(wild, 10.0, -1e30)
     assert observed.shape == (len(OBSERVED),)
@@ -195,7 +195,7 @@ def test_observation_stays_in_its_range() -> None:
 
 
 @pytest.mark.parametrize("name", ["how-to/policies.md", "reference/gym.md"])
-def test_example_of_the_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_documented_example_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert blocks
@@ -204,7 +204,7 @@ def test_example_of_the_page_runs(name: str, tmp_path: Path, monkeypatch: pytest
         exec(compile(block, name, "exec"), {"__name__": "example"})
 
 
-def test_every_name_and_argument_is_told() -> None:
+def test_gym_page_lists_all_names_and_arguments() -> None:
     page = (ROOT / "docs" / "reference" / "gym.md").read_text(encoding="utf-8")
     names = {*hil_bridge.gym.__all__, *hil_bridge.gym.REWARDS, *Options.__annotations__}
     assert all(f"`{name}`" in page for name in names)

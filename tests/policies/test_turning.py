@@ -1,4 +1,4 @@
-"""A policy that turns the tool: as fast as its action says, and never beyond the guard's limits of turning."""
+"""Policy that rotates the tool at the speed of its action, within the guard's rotation limits."""
 
 import math
 from itertools import pairwise
@@ -32,7 +32,7 @@ def run(robot: str, controller: Any, seconds: float = 2.0, **more: Any) -> Resul
 
 
 def leaned_deg(result: Result) -> list[float]:
-    """Angle of the ordered tool axis from that of the start, in each cycle with an order to turn, °."""
+    """Return the angle of the ordered tool axis from its start in each cycle with an order to rotate, °."""
     home = tool_axis(result.cycles[0].sample.quaternion)
     ordered = [cycle.quaternion_commanded for cycle in result.cycles if cycle.quaternion_commanded]
     return [math.degrees(angle_of_vectors(home, tool_axis(one))) for one in ordered]
@@ -40,7 +40,7 @@ def leaned_deg(result: Result) -> list[float]:
 
 @pytest.mark.parametrize("robot", ["s3", "egm", "rsi", "rtde"])
 @pytest.mark.parametrize("share", [1.0, -0.5])
-def test_the_tool_tips_towards_the_travel_as_the_action_says(robot: str, share: float, tmp_path: Any) -> None:
+def test_tilt_action_tilts_tool_towards_travel(robot: str, share: float, tmp_path: Any) -> None:
     policy = PolicyController(tipping(share), AXES, turn_deg_s=4.0)
     result = run(robot, policy)
     assert result.outcome == "completed"
@@ -60,7 +60,7 @@ def test_the_tool_tips_towards_the_travel_as_the_action_says(robot: str, share: 
     assert not any(cycle.differences for cycle in replay_policy(tmp_path / "run.mcap", policy))
 
 
-def test_no_action_turns_faster_or_farther_than_the_guard_allows() -> None:
+def test_rotation_is_limited_by_guard() -> None:
     policy = PolicyController(tipping(1.0), AXES, turn_deg_s=1e6)
     limits = {"turn_deg_s": 8.0, "turn_total_deg": 12.0}
     result = run("egm", policy, 3.0, limits=limits)
@@ -72,12 +72,14 @@ def test_no_action_turns_faster_or_farther_than_the_guard_allows() -> None:
     assert not any("turned faster" in "".join(cycle.reasons) for cycle in result.cycles)
 
 
-def test_the_guard_judges_a_turn_that_the_program_did_not_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last word is the guard's: a program that asks for more gets no more."""
+def test_guard_limits_rotation_unbounded_by_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guard decides last: a program that requests more does not get more."""
     monkeypatch.setattr(
         "hil_bridge.control.steps.pressing.leaning", lambda leg, before, pressed, dt: before + 0.5
     )
-    monkeypatch.setattr("hil_bridge.control.program.orienting.brought", lambda before, wanted, angle: wanted)
+    monkeypatch.setattr(
+        "hil_bridge.control.program.orienting.rotate_towards", lambda before, requested, angle: requested
+    )
     result = run("egm", PolicyController(tipping(1.0), AXES), limits={"turn_total_deg": 12.0})
     assert max(leaned_deg(result), default=0.0) <= 12.0 + 1e-6
     reasons = {reason for cycle in result.cycles for reason in cycle.reasons}
@@ -85,7 +87,7 @@ def test_the_guard_judges_a_turn_that_the_program_did_not_bound(monkeypatch: pyt
 
 
 @pytest.mark.parametrize("turn", [math.nan, math.inf])
-def test_a_turn_that_is_no_number_is_a_controller_that_fails(turn: float) -> None:
+def test_non_numeric_rotation_fails_controller(turn: float) -> None:
     class Lost(PolicyController):
         def step(self, state: Any, measurement: Any, reference: float) -> Any:
             memory, command = super().step(state, measurement, reference)
@@ -97,7 +99,7 @@ def test_a_turn_that_is_no_number_is_a_controller_that_fails(turn: float) -> Non
     assert result.retracted
 
 
-def test_without_the_axis_no_orientation_is_ordered() -> None:
+def test_orientation_without_axis_is_not_ordered() -> None:
     class Turning(PolicyController):
         def step(self, state: Any, measurement: Any, reference: float) -> Any:
             memory, command = super().step(state, measurement, reference)
@@ -108,8 +110,8 @@ def test_without_the_axis_no_orientation_is_ordered() -> None:
     assert not any(cycle.quaternion_commanded for cycle in result.cycles)
 
 
-def test_a_real_sensor_needs_the_mass_that_turns() -> None:
-    """Its weight would pass for a force."""
+def test_rotating_tool_with_real_sensor_needs_its_mass() -> None:
+    """Without it, the weight of the tool would be read as a contact force."""
     config = {"robot": {"emulated": "egm"}, "sensor": {"url": "netft+udp://127.0.0.1:49152"}}
     with pytest.raises(ConfigError, match='orientation = "led" turns the tool, and its weight with it'):
         hil_bridge.run_real(lambda: opened(config))

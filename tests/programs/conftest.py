@@ -1,4 +1,4 @@
-"""Programs in the whole loop in virtual time, with the truth looked at from beside."""
+"""Programs in the complete loop in virtual time, with the ground truth sampled independently."""
 
 import json
 import math
@@ -27,24 +27,24 @@ from tests.near_surface import merged
 
 Floats = NDArray[np.float64]
 WATCH_S = 0.25
-"""How often the truth is looked at, s."""
+"""Interval between samples of the ground truth, s."""
 FORCES = 50
-"""Forces in that time."""
+"""True forces in that time."""
 STATES = 5
-"""Whole states in that time."""
+"""Complete states in that time."""
 
 
 @dataclass
-class Played:
-    """One run, and what was true meanwhile. Also the run's log."""
+class Trial:
+    """A run with its ground truth and its log."""
 
     config: Config
-    meddle: Callable[["Played", CycleRecord], None] = lambda played, record: None
+    meddle: Callable[["Trial", CycleRecord], None] = lambda played, record: None
     cycles: list[CycleRecord] = field(default_factory=list)
     events: list[EventRecord] = field(default_factory=list)
     steps: list[StepRecord] = field(default_factory=list)
     states: list[tuple[float, TrueState]] = field(default_factory=list)
-    """Time, s, and the truth then."""
+    """Times, s, with the ground truth at each."""
     result: RunResult = field(default_factory=lambda: RunResult(Outcome.STOPPED))
     error: BridgeError | None = None
     """Condition that refused the run before it moved."""
@@ -53,16 +53,16 @@ class Played:
     run: Run = field(init=False)
     _times: list[Floats] = field(default_factory=list)
     _forces: list[Floats] = field(default_factory=list)
-    _seen_until: float = 0.0
+    _sampled_until: float = 0.0
 
     def cycle(self, record: CycleRecord) -> None:
         self.cycles.append(record)
         self.meddle(self, record)
 
-    # --- what a test asks
+    # --- queries of tests
 
     def inject(self, target: str, fault: str, **parameters: object) -> None:
-        """Let a fault happen from now on."""
+        """Inject a fault from now on."""
         self.cell.inject(target, fault, self.clock.now(), **parameters)
 
     @cached_property
@@ -95,57 +95,59 @@ class Played:
         return self.result.outcome is Outcome.STOPPED
 
     def of(self, number: int) -> list[CycleRecord]:
-        """Cycles of the step with this number, as the record counts."""
+        """Return the cycles of the step with this number in the recording."""
         return [record for record in self.cycles if record.step == number]
 
     def texts(self, kind: str) -> list[str]:
         return [event.text for event in self.events if event.kind == kind]
 
     def phases(self) -> list[str]:
-        """The phases in their order."""
+        """Return the phases in order."""
         return self.texts("phase")
 
     def clamps(self) -> set[str]:
-        """The orders that the guard shortened."""
+        """Return the reasons for which the guard shortened orders."""
         return {reason for record in self.cycles if record.verdict == "clamp" for reason in record.reasons}
 
     def rms(self, number: int, after_mm: float = 0.0) -> float:
-        """Root mean square of the error of the controlled force over a step, from this way on, N."""
+        """Return the root mean square error of the controlled force over a step, from this distance on, N."""
         errors = [
             record.force - record.force_reference
             for record in self.of(number)
-            if record.phase == "track" and self.way(record) >= after_mm * 1e-3
+            if record.phase == "track" and self.distance(record) >= after_mm * 1e-3
         ]
         return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
-    def way(self, record: CycleRecord) -> float:
-        """Way along the surface from the begin of the record's step, m, as it was ordered."""
-        return self._ways[record.cycle]
+    def distance(self, record: CycleRecord) -> float:
+        """Return the ordered distance along the surface from the start of the record's step, m."""
+        return self._distances[record.cycle]
 
     @cached_property
-    def _ways(self) -> dict[int, float]:
-        ways, way, before = {}, 0.0, None
+    def _distances(self) -> dict[int, float]:
+        distances, distance, before = {}, 0.0, None
         for record in self.cycles:
-            place = record.travel_commanded, record.across_commanded
-            way = way + math.dist(place, before[1]) if before and before[0] == record.step else 0.0
-            before = record.step, place
-            ways[record.cycle] = way
-        return ways
+            position = record.travel_commanded, record.across_commanded
+            distance = (
+                distance + math.dist(position, before[1]) if before and before[0] == record.step else 0.0
+            )
+            before = record.step, position
+            distances[record.cycle] = distance
+        return distances
 
     def skews(self, number: int) -> list[tuple[float, float, float]]:
-        """Time, s, way in the step, m, and the true angle between tool and surface, °."""
+        """Return the time, s, distance in the step, m, and true angle between tool and surface, °."""
         records = self.of(number)
         starts = [record.started_at for record in records]
-        found = []
+        result = []
         for at, state in self.states:
-            place = int(np.searchsorted(starts, at, side="right")) - 1
-            if place < 0 or at > records[-1].answered_at or state.normal is None:
+            index = int(np.searchsorted(starts, at, side="right")) - 1
+            if index < 0 or at > records[-1].answered_at or state.normal is None:
                 continue
-            found.append((at, self.way(records[place]), skew_deg(state)))
-        return found
+            result.append((at, self.distance(records[index]), skew_deg(state)))
+        return result
 
     def differs(self) -> list[tuple[int, dict[str, Any]]]:
-        """Cycles that a replay decides differently."""
+        """Return the cycles that a replay decides differently."""
         recording = Recording(
             tuple(self.cycles), metadata={"config": json.dumps(self.config.model_dump(mode="json"))}
         )
@@ -154,12 +156,12 @@ class Played:
 
     # --- the run
 
-    async def main(self) -> "Played":
+    async def main(self) -> "Trial":
         self.clock = clock = Clock.running()
         timers: list[Timer] = []
 
         def watch() -> None:
-            self._look(clock.now())
+            self._sample_truth(clock.now())
             timers[:] = [clock.call_at(clock.now() + WATCH_S, watch)]
 
         listener = Listener(
@@ -168,20 +170,20 @@ class Played:
         try:
             async with running(Setup(self.config), RunLog(clock, [listener])) as run:
                 assert run.cell is not None
-                self.cell, self.run, self._seen_until = run.cell, run.run, clock.now()
+                self.cell, self.run, self._sampled_until = run.cell, run.run, clock.now()
                 watch()
                 try:
                     self.result = await run()
                 finally:
                     timers[0].cancel()
-                    self._look(clock.now())
+                    self._sample_truth(clock.now())
         except BridgeError as error:
             self.error = error
         return self
 
-    def _look(self, now: float) -> None:
-        """At the truth since it was looked at last."""
-        since, self._seen_until = self._seen_until, now
+    def _sample_truth(self, now: float) -> None:
+        """Sample the ground truth since the last call."""
+        since, self._sampled_until = self._sampled_until, now
         self._times.append(np.linspace(since, now, FORCES))
         self._forces.append(self.cell.contact_forces(self._times[-1]))
         at = np.linspace(since, now, STATES + 1)[1:].tolist()
@@ -197,7 +199,7 @@ def skew_deg(state: TrueState) -> float:
     return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-Play = Callable[..., Played]
+Play = Callable[..., Trial]
 
 
 @pytest.fixture(scope="session")
@@ -208,16 +210,16 @@ def play() -> Play:
         robot: str,
         steps: Sequence[Mapping[str, Any]],
         *more: Mapping[str, Any],
-        meddle: Callable[[Played, CycleRecord], None] | None = None,
-    ) -> Played:
+        meddle: Callable[[Trial, CycleRecord], None] | None = None,
+    ) -> Trial:
         values: dict[str, Any] = {"run": {"seed": 3}, "robot": {"emulated": robot}}
         for settings in more:
             values = merged(values, settings)
         if steps:
             values = merged(values, {"task": {"step": list(steps)}})
-        played = Played(Setup(read_config(values)).config)
+        trial = Trial(Setup(read_config(values)).config)
         if meddle is not None:
-            played.meddle = meddle
-        return run_virtual(played.main)
+            trial.meddle = meddle
+        return run_virtual(trial.main)
 
     return run

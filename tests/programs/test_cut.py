@@ -1,4 +1,4 @@
-"""A program that is cut in each kind of step: the tool is retracted, or stands still, and the text says where."""
+"""A program interrupted in each kind of step: the tool is retracted, or stops, and the text reports the position."""
 
 import re
 from collections.abc import Callable
@@ -8,8 +8,8 @@ import pytest
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 APPROACH, RETRACT = {"do": "approach"}, {"do": "retract"}
 LINE = {"kind": "line", "length_mm": 6}
 TRACK = {"do": "track", "path": LINE, "speed_mm_s": 5.0, "orientation": "normal"}
@@ -24,7 +24,7 @@ STEPS: dict[str, tuple[int, list[dict[str, Any]]]] = {
     "zero": (1, [ZERO, APPROACH, RETRACT]),
     "retract": (2, [APPROACH, RETRACT, MOVE, RETRACT]),
 }
-"""By its word: the step that is cut, and the program around it."""
+"""By word: the step that is interrupted, and the program around it."""
 PRESSING = {"track", "hold"}
 CELL = {
     "cell": {"start_position_mm": (900.0, -100.0, 591.5)},
@@ -36,20 +36,20 @@ EACH = pytest.mark.parametrize("word", STEPS)
 ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
 
 
-def cut(play: Play, robot: str, word: str, how: Callable[[Played], object]) -> Played:
-    """The run that is cut 0.4 s after the begin of the step; it never pressed much, and its replay is the same."""
+def cut(play: Play, robot: str, word: str, how: Callable[[Trial], object]) -> Trial:
+    """Run that is interrupted 0.4 s after the start of the step; it never pressed hard, and its replay is the same."""
     number, steps = STEPS[word]
-    begun: list[float] = []
+    starts: list[float] = []
 
-    def meddle(run: Played, record: Any) -> None:
-        if record.step == number and not (begun and begun[-1] < 0.0):
-            begun.append(record.started_at)
-            if record.started_at - begun[0] >= 0.4:
-                begun.append(-1.0)
+    def meddle(run: Trial, record: Any) -> None:
+        if record.step == number and not (starts and starts[-1] < 0.0):
+            starts.append(record.started_at)
+            if record.started_at - starts[0] >= 0.4:
+                starts.append(-1.0)
                 how(run)
 
     run = play(robot, steps, CELL, meddle=meddle)
-    assert begun[-1] == -1.0, "the step came"
+    assert starts[-1] == -1.0, "the step was reached"
     assert run.largest < 16.0
     assert run.differs() == []
     (step,) = [step for step in run.steps if step.step == number]
@@ -58,28 +58,28 @@ def cut(play: Play, robot: str, word: str, how: Callable[[Played], object]) -> P
     return run
 
 
-def check_left(run: Played) -> None:
-    """The last line tells the truth."""
+def check_left(run: Trial) -> None:
+    """Check that the last line is true."""
     left = run.result.left
     if left.startswith("retracted"):
         assert run.last == 0.0
         assert left.removesuffix(" (Fx Fy not verified)") == "retracted, 0.0 N"
         return
-    told = re.match(
+    reported = re.match(
         r"NOT retracted: left at (?:an unknown depth|(-?[\d.]+) mm), (?:(-?[\d.]+) N|force unknown)", left
     )
-    assert told is not None, left
-    if told[2] is not None:
-        assert float(told[2]) == pytest.approx(run.last, abs=0.5)
-    if told[1] is not None:
+    assert reported is not None, left
+    if reported[2] is not None:
+        assert float(reported[2]) == pytest.approx(run.last, abs=0.5)
+    if reported[1] is not None:
         start = run.cycles[0].sample.position[2]
         z = run.states[-1][1].position[2]
-        assert float(told[1]) == pytest.approx((start - z) * 1e3, abs=1.2)
+        assert float(reported[1]) == pytest.approx((start - z) * 1e3, abs=1.2)
 
 
 @EACH
 @ROBOTS
-def test_an_interruption_retracts(play: Play, robot: str, word: str) -> None:
+def test_interruption_retracts(play: Play, robot: str, word: str) -> None:
     run = cut(play, robot, word, lambda run: run.run.interrupt())
     assert run.result.outcome == "interrupted"
     assert run.result.left.removesuffix(" (Fx Fy not verified)") == "retracted, 0.0 N"
@@ -90,7 +90,7 @@ def test_an_interruption_retracts(play: Play, robot: str, word: str) -> None:
 
 @EACH
 @ROBOTS
-def test_an_emergency_stop_leaves_the_tool_where_it_is(play: Play, robot: str, word: str) -> None:
+def test_emergency_stop_leaves_tool_in_position(play: Play, robot: str, word: str) -> None:
     run = cut(play, robot, word, lambda run: run.inject("robot", EMERGENCY[robot]))
     assert run.stopped
     number, _ = STEPS[word]
@@ -103,10 +103,10 @@ def test_an_emergency_stop_leaves_the_tool_where_it_is(play: Play, robot: str, w
 
 @EACH
 @ROBOTS
-def test_a_link_that_is_lost_leaves_the_tool_where_it_is(play: Play, robot: str, word: str) -> None:
+def test_lost_link_leaves_tool_in_position(play: Play, robot: str, word: str) -> None:
     run = cut(play, robot, word, lambda run: run.inject("wire", "off", for_s=600.0))
     assert run.stopped
-    assert ("nothing came after 3 bids" if robot == "s3" else "sent nothing for 0.5 s") in run.cause
+    assert ("nothing received after 3 bids" if robot == "s3" else "sent nothing for 0.5 s") in run.cause
     stands(run)
     check_left(run)
     assert (run.last > 5.0) == (word in PRESSING)
@@ -114,13 +114,15 @@ def test_a_link_that_is_lost_leaves_the_tool_where_it_is(play: Play, robot: str,
 
 @EACH
 @ROBOTS
-def test_a_sensor_that_falls_silent_lets_the_tool_back_a_little(play: Play, robot: str, word: str) -> None:
+def test_silent_sensor_retracts_a_little(play: Play, robot: str, word: str) -> None:
     """It goes back to the depth of the start, or a little behind the contact, and no farther."""
     run = cut(play, robot, word, lambda run: run.inject("sensor-wire", "off", for_s=600.0))
     assert run.stopped
     number, _ = STEPS[word]
-    told = "tells no force to retract the tool by" if word == "retract" else "the newest force is"
-    assert told in run.cause
+    reported = (
+        "the force needed to retract the tool is unknown" if word == "retract" else "the newest force is"
+    )
+    assert reported in run.cause
     assert run.cause.endswith(f"in step {number} ({word})")
     assert run.last == 0.0
     check_left(run)
@@ -131,5 +133,5 @@ def test_a_sensor_that_falls_silent_lets_the_tool_back_a_little(play: Play, robo
     assert start - 0.3e-3 <= z <= start + run.config.limits.blind_retract_mm * 1e-3
 
 
-def stands(run: Played) -> None:
+def stands(run: Trial) -> None:
     assert run.states[-1][1].velocity == pytest.approx((0.0, 0.0, 0.0), abs=0.2e-3)

@@ -1,4 +1,4 @@
-"""A flat tool that is set down askew, and a point that can know nothing of the surface while it stands."""
+"""A flat tool that is set down at an angle, and a stationary point tool that cannot learn the normal."""
 
 import math
 from collections.abc import Callable
@@ -8,8 +8,8 @@ import pytest
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 HALF = math.radians(5.0) / 2
 ASKEW = (0.0, math.cos(HALF), 0.0, -math.sin(HALF))
 STEPS: list[dict[str, Any]] = [
@@ -38,12 +38,12 @@ def cell(stiffness: float, radius_mm: float) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module", params=RUNS.values(), ids=list(RUNS))
-def flat(request: pytest.FixtureRequest, play: Play) -> Played:
+def flat(request: pytest.FixtureRequest, play: Play) -> Trial:
     robot, stiffness = request.param
     return play(robot, STEPS, cell(stiffness, 15.0))
 
 
-def test_a_flat_tool_aligns_within_three_seconds(flat: Played) -> None:
+def test_flat_tool_aligns_within_3_s(flat: Trial) -> None:
     skews = flat.skews(2)
     began = skews[0][0]
     assert skews[0][2] == pytest.approx(5.0, abs=0.3)
@@ -52,21 +52,21 @@ def test_a_flat_tool_aligns_within_three_seconds(flat: Played) -> None:
     assert max(late) < 0.5
 
 
-def test_it_presses_on_and_no_limit_is_met(flat: Played) -> None:
+def test_flat_tool_presses_within_limits(flat: Trial) -> None:
     assert (flat.result.outcome, flat.result.left) == ("completed", "retracted, 0.0 N")
     assert flat.clamps() <= {"deeper faster than 11 mm/s"}
     assert flat.largest < flat.config.limits.force_limit_n
-    held = flat.of(2)
-    assert all(record.in_contact for record in held if record.started_at > held[-1].started_at - 2.0)
+    holding = flat.of(2)
+    assert all(record.in_contact for record in holding if record.started_at > holding[-1].started_at - 2.0)
 
 
-def test_its_replay_decides_the_same(flat: Played) -> None:
+def test_flat_tool_run_replays_identically(flat: Trial) -> None:
     assert flat.differs() == []
 
 
 @pytest.mark.parametrize("robot", ["s3", "egm"])
-def test_a_point_that_stands_does_not_turn(play: Play, robot: str) -> None:
-    """It neither slides nor feels moments, so that nothing tells it the normal."""
+def test_stationary_point_tool_does_not_turn(play: Play, robot: str) -> None:
+    """It neither slides nor has moments, so the normal is unknown."""
     short = [STEPS[0], {**STEPS[1], "for_s": 1.5}, STEPS[2]]
     point = play(robot, short, cell(5e3, 0.0))
     assert point.result.outcome == "completed"

@@ -1,4 +1,4 @@
-"""A raster over a sphere, perpendicular to it, beside a straight run over an arc of the same radius."""
+"""A raster over a sphere, perpendicular to it, compared with a straight run over an arc of the same radius."""
 
 import math
 from collections.abc import Callable
@@ -11,8 +11,8 @@ from tests.emulation.exact_arm import NO_ERROR
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 RUNS = {
     "s3, 5 kN/m": ("s3", 5.0, 5e3, 60, 1.5),
     "s3, 50 kN/m": ("s3", 5.0, 5e4, 30, 9.0),
@@ -27,7 +27,7 @@ true force in N. The raster's lines are 60 mm long. One step of the S3's positio
 
 
 def cell(robot: str, kind: str, stiffness: float) -> dict[str, Any]:
-    """A Universal Robot is an exact one: the error of a real arm swings by more than the bands below."""
+    """The Universal Robot is exact, because the error of a real arm varies by more than the limits below."""
     return {
         "cell": {
             **({"rtde": NO_ERROR} if robot == "rtde" else {}),
@@ -39,7 +39,7 @@ def cell(robot: str, kind: str, stiffness: float) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module", params=RUNS.values(), ids=list(RUNS))
-def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Played, Played, float]:
+def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Trial, Trial, float]:
     """The raster, and the straight run of the same robot, which follows the contour without turning the tool. Both
     travel at once.
 
@@ -62,15 +62,15 @@ def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Played, Played, fl
 
 
 @pytest.mark.full
-def test_the_tool_stays_perpendicular(runs: tuple[Played, Played, float]) -> None:
+def test_raster_tool_stays_perpendicular(runs: tuple[Trial, Trial, float]) -> None:
     raster, _, _ = runs
-    skews = [skew for _, way, skew in raster.skews(2) if way > 0.02]
+    skews = [skew for _, distance, skew in raster.skews(2) if distance > 0.02]
     assert len(skews) > 100
     assert math.sqrt(sum(skew**2 for skew in skews) / len(skews)) <= 2.0
 
 
 @pytest.mark.full
-def test_the_force_is_held_as_well_as_on_a_straight_contour(runs: tuple[Played, Played, float]) -> None:
+def test_raster_force_is_held_like_on_a_contour(runs: tuple[Trial, Trial, float]) -> None:
     raster, straight, _ = runs
     tracked = [record.force - 10.0 for record in straight.cycles if record.phase == "track"]
     reference = math.sqrt(sum(error**2 for error in tracked) / len(tracked))
@@ -78,7 +78,7 @@ def test_the_force_is_held_as_well_as_on_a_straight_contour(runs: tuple[Played, 
 
 
 @pytest.mark.full
-def test_contact_is_kept_and_the_limits_hold(runs: tuple[Played, Played, float]) -> None:
+def test_raster_keeps_contact_and_limits(runs: tuple[Trial, Trial, float]) -> None:
     raster, _, band = runs
     assert raster.result.outcome == "completed"
     assert raster.result.left == "retracted, 0.0 N"
@@ -89,23 +89,23 @@ def test_contact_is_kept_and_the_limits_hold(runs: tuple[Played, Played, float])
     }
     assert reasons <= {(True, ("deeper faster than 11 mm/s",))}
     assert raster.largest < raster.config.limits.force_limit_n
-    settled = next(record.started_at for record in raster.of(2) if raster.way(record) > 0.02)
-    pressing = (raster.times > settled) & (raster.times < raster.of(2)[-1].started_at)
+    steady_at = next(record.started_at for record in raster.of(2) if raster.distance(record) > 0.02)
+    pressing = (raster.times > steady_at) & (raster.times < raster.of(2)[-1].started_at)
     forces = np.linalg.norm(raster.forces[pressing], axis=1)
     assert (forces.min(), forces.max()) == pytest.approx((10.0, 10.0), abs=band)
 
 
-def test_the_whole_path_is_covered(runs: tuple[Played, Played, float]) -> None:
+def test_raster_path_is_covered_completely(runs: tuple[Trial, Trial, float]) -> None:
     """Forth and back along base y, and each line farther towards the base than the one before."""
     raster, _, _ = runs
     width = raster.config.task.step[1].path.size_mm[1] * 1e-3
     lines = round(width / 0.015) + 1
     assert raster.steps[1].way == pytest.approx(lines * 0.06 + width, abs=1e-3)
-    places = [state.position[:2] for _, state in raster.states if state.contact_force[2] > 1.0]
+    positions = [state.position[:2] for _, state in raster.states if state.contact_force[2] > 1.0]
     for k in range(lines):
         for y in (-0.03, 0.0, 0.03):
-            assert min(math.dist((0.87 - 0.015 * k, y), place) for place in places) < 2.5e-3
+            assert min(math.dist((0.87 - 0.015 * k, y), position) for position in positions) < 2.5e-3
 
 
-def test_a_replay_decides_the_same(runs: tuple[Played, Played, float]) -> None:
+def test_raster_replays_identically(runs: tuple[Trial, Trial, float]) -> None:
     assert runs[0].differs() == []

@@ -1,4 +1,4 @@
-"""The paper's run, written as a program, gives the same commands cycle for cycle."""
+"""The paper's run, written as a program, gives the same commands in every cycle."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,10 +7,10 @@ import pytest
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
-WAY = {"kind": "line", "length_mm": 500.0}
-PAPER = [{"do": "approach"}, {"do": "track", "path": WAY, "for_s": 3.0}, {"do": "retract"}]
+Trial = Any
+Play = Callable[..., Trial]
+PATH = {"kind": "line", "length_mm": 500.0}
+PAPER = [{"do": "approach"}, {"do": "track", "path": PATH, "for_s": 3.0}, {"do": "retract"}]
 RUN = {
     "run": {"duration_s": 3.0},
     "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
@@ -19,7 +19,7 @@ RUN = {
 
 
 @pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
-def test_the_commands_are_the_same(play: Play, robot: str) -> None:
+def test_program_and_plain_run_have_same_commands(play: Play, robot: str) -> None:
     plain, program = play(robot, [], RUN), play(robot, PAPER, RUN)
     assert plain.result.outcome == program.result.outcome == "completed"
     assert [commands(record) for record in plain.cycles] == [commands(record) for record in program.cycles]
@@ -28,8 +28,8 @@ def test_the_commands_are_the_same(play: Play, robot: str) -> None:
 
 
 def commands(record: Any) -> tuple[object, ...]:
-    """All that the run ordered in a cycle, and why. A program tells the orientation of the start where a plain run
-    tells none.
+    """Return all orders of the run in a cycle, with the reasons. A program gives the orientation of the start where a
+    plain run gives none.
     """
     assert record.quaternion_commanded in ((), record.sample.quaternion)
     return (

@@ -1,4 +1,4 @@
-"""Steps that look for something, and moves that touch what they should not."""
+"""Steps that search for something, and moves with an unexpected touch."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,8 +10,8 @@ from hil_bridge.errors import Cause
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 WALL_N_M = 5e4
 START = {"cell": {"start_position_mm": (900.0, -100.0, 591.0)}}
 QUICKLY = {"task": {"retract_mm": 4.0, "retract_speed_mm_s": 11.0, "safe_height_mm": 1.0}}
@@ -26,36 +26,36 @@ def surface(**more: Any) -> dict[str, Any]:
 
 
 @EACH
-def test_a_wall_is_found_by_its_force(play: Play, robot: str) -> None:
-    """It stands 5 mm away, and the tool, in free space, stands 1 mm over the surface."""
+def test_seek_finds_wall_by_force(play: Play, robot: str) -> None:
+    """The wall is 5 mm away, and the tool is in free space, 1 mm above the surface."""
     seek = {"do": "seek", "direction_deg": 0.0, "name": "wall", "at_most_mm": 20.0, "back_off_mm": 1.0}
     run = play(robot, [seek, RETRACT], START, QUICKLY, surface(wall_at_mm=-95.0))
     assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
-    (found,) = [step for step in run.steps if step.name == "wall"]
-    assert found.found[1] * 1e3 == pytest.approx(-95.0, abs=0.5)
+    (position,) = [step for step in run.steps if step.name == "wall"]
+    assert position.found[1] * 1e3 == pytest.approx(-95.0, abs=0.5)
     assert run.of(1)[-1].sample.position[1] * 1e3 == pytest.approx(-96.0, abs=0.7)
     assert run.largest < 30.0
     assert run.differs() == []
 
 
 @EACH
-def test_an_edge_is_found_by_the_loss_of_contact(play: Play, robot: str) -> None:
+def test_seek_finds_edge_by_contact_loss(play: Play, robot: str) -> None:
     seek = {
         "do": "seek", "until": "edge", "direction_deg": 0.0, "name": "edge", "at_most_mm": 30.0, "speed_mm_s": 5.0,
     }  # fmt: skip
     run = play(robot, [APPROACH, seek, RETRACT], START, QUICKLY, surface(end_mm=-90.0))
     assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
-    (found,) = [step for step in run.steps if step.name == "edge"]
-    assert found.found[1] * 1e3 == pytest.approx(-90.0, abs=1.0)
+    (position,) = [step for step in run.steps if step.name == "edge"]
+    assert position.found[1] * 1e3 == pytest.approx(-90.0, abs=1.0)
     lowest = min(state.position[2] for _, state in run.states)
-    assert lowest > 0.5875 - 5e-3, "an edge is no hole to dive into"
+    assert lowest > 0.5875 - 5e-3, "the tool does not dive behind the edge"
     assert run.differs() == []
 
 
 NOTHING: dict[str, tuple[list[dict[str, Any]], str]] = {
     "wall": (
         [{"do": "seek", "direction_deg": 0.0, "at_most_mm": 5.0}],
-        "nothing found within 5 mm, in step 1",
+        "no obstacle within 5 mm, in step 1",
     ),
     "edge": (
         [APPROACH, {"do": "seek", "until": "edge", "direction_deg": 0.0, "at_most_mm": 5.0}],
@@ -65,18 +65,18 @@ NOTHING: dict[str, tuple[list[dict[str, Any]], str]] = {
 
 
 @pytest.mark.parametrize("what", NOTHING)
-def test_nothing_found_fails_the_step(play: Play, what: str) -> None:
-    steps, words = NOTHING[what]
+def test_seek_without_result_fails_step(play: Play, what: str) -> None:
+    steps, message = NOTHING[what]
     run = play("s3", [*steps, RETRACT], START, QUICKLY)
     assert run.stopped
-    assert run.cause == f"{words} (seek)"
+    assert run.cause == f"{message} (seek)"
     assert run.result.cause in (Cause.NOT_FOUND, Cause.NO_EDGE)
     assert run.result.left.removesuffix(" (Fx Fy not verified)") == "retracted, 0.0 N"
     assert not run.steps[-1].passed
 
 
 @EACH
-def test_a_move_that_meets_a_wall_stops_and_comes_back(play: Play, robot: str) -> None:
+def test_move_into_wall_stops_and_returns(play: Play, robot: str) -> None:
     """The safe height is below the top of the wall."""
     speed, cycle = ROBOTS[robot]
     move = {"do": "move", "to_mm": [30.0, 0.0], "speed_mm_s": speed}
@@ -92,22 +92,22 @@ def test_a_move_that_meets_a_wall_stops_and_comes_back(play: Play, robot: str) -
 
 
 @EACH
-def test_a_move_goes_over_a_wall_below_its_safe_height(play: Play, robot: str) -> None:
+def test_move_passes_wall_below_safe_height(play: Play, robot: str) -> None:
     steps = [APPROACH, RETRACT, {"do": "move", "to_mm": [15.0, -5.0], "speed_mm_s": 20.0}]
     run = play(
         robot, steps, START, {"task": {"safe_height_mm": 3.0, "retract_speed_mm_s": 11.0, "retract_mm": 4.0}},
         surface(wall_at_mm=-92.0, wall_height_mm=2.0),
     )  # fmt: skip
     assert run.result.outcome == "completed"
-    moved = run.times > run.of(3)[0].started_at
-    assert np.abs(run.forces[moved]).max() == 0.0
+    is_moving = run.times > run.of(3)[0].started_at
+    assert np.abs(run.forces[is_moving]).max() == 0.0
     x, y, z = run.states[-1][1].position
     assert (x, y) == pytest.approx((0.905, -0.085), abs=0.6e-3)
     assert z >= 0.591 + 3e-3 - 1e-4
     assert "move" in run.phases()
 
 
-def test_a_repeat_makes_all_its_passes(play: Play) -> None:
+def test_repeat_makes_all_passes(play: Play) -> None:
     path = {"kind": "line", "length_mm": 5}
     inner = [APPROACH, {"do": "track", "path": path}, RETRACT, {"do": "move", "to_mm": [0.0, 0.0]}]
     run = play("s3", [{"do": "repeat", "times": 3, "step": inner}], START, QUICKLY)
@@ -116,6 +116,6 @@ def test_a_repeat_makes_all_its_passes(play: Play) -> None:
     assert [step.label for step in tracks] == [f"1.2 (track, pass {n})" for n in (1, 2, 3)]
     assert [step.step for step in tracks] == [2, 6, 10]
     assert all(step.way == pytest.approx(5e-3, abs=1e-3) for step in tracks)
-    begins = [run.of(step.step)[0].sample.position[1] for step in tracks]
-    assert begins == pytest.approx([-0.1] * 3, abs=0.6e-3)
+    starts = [run.of(step.step)[0].sample.position[1] for step in tracks]
+    assert starts == pytest.approx([-0.1] * 3, abs=0.6e-3)
     assert run.differs() == []

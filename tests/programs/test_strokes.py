@@ -1,4 +1,4 @@
-"""Strokes whose force, side, speed and orientation change along the way."""
+"""Strokes whose force, side, speed and orientation change along the path."""
 
 import json
 import math
@@ -15,8 +15,8 @@ from hil_bridge.errors import BridgeError
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 START = {
     "cell": {"start_position_mm": (900.0, -100.0, 591.0)},
     "task": {"retract_mm": 4.0, "retract_speed_mm_s": 11.0},
@@ -30,7 +30,7 @@ def stroke(**more: Any) -> list[dict[str, Any]]:
     return [APPROACH, {"do": "track", "path": LINE, "speed_mm_s": 5.0, **more}, RETRACT]
 
 
-def late(run: Played, share: float) -> Any:
+def late(run: Trial, share: float) -> Any:
     """True forces (n, 3) of the last share of step 2, base frame, N."""
     records = run.of(2)
     since = records[int(len(records) * (1.0 - share))].started_at
@@ -38,7 +38,7 @@ def late(run: Played, share: float) -> Any:
 
 
 @pytest.mark.parametrize(("robot", "speed", "off"), [("s3", 2.0, 1.5), ("egm", 5.0, 0.6)])
-def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: float) -> None:
+def test_force_profile_is_followed(play: Play, robot: str, speed: float, off: float) -> None:
     profile = [[0, 5], [8, 5], [16, 13], [20, 13], [24, 9]]
     run = play(
         robot,
@@ -46,10 +46,10 @@ def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: 
         START,
     )
     assert run.result.outcome == "completed"
-    places, newtons = zip(*profile, strict=True)
+    distances, newtons = zip(*profile, strict=True)
     for record in run.of(2):
-        wanted = np.interp((record.travel_commanded - 0.0) * 1e3, places, newtons)
-        assert record.force_reference == pytest.approx(wanted, abs=0.5 + speed * 0.18)
+        expected = np.interp((record.travel_commanded - 0.0) * 1e3, distances, newtons)
+        assert record.force_reference == pytest.approx(expected, abs=0.5 + speed * 0.18)
     errors = [record.force - record.force_reference for record in run.of(2) if record.travel_commanded > 5e-3]
     assert max(map(abs, errors)) < 2 * off
     (step,) = [step for step in run.steps if step.step == 2]
@@ -64,7 +64,7 @@ WALL = {"cell": {"surface": {"wall_at_mm": 3.0, "path_deg": 0.0, "wall_height_mm
 
 
 @ROBOTS
-def test_a_compliant_side_yields_to_a_wall(play: Play, robot: str) -> None:
+def test_compliant_axis_yields_to_wall(play: Play, robot: str) -> None:
     """The path leads 1.2 mm into the wall: on the path the tool would push with 60 N."""
     path = {**LINE, "direction_deg": -10.0}
     run = play(robot, stroke(path=path, across="compliant", across_n_mm=5.0), START, WALL)
@@ -77,8 +77,8 @@ def test_a_compliant_side_yields_to_a_wall(play: Play, robot: str) -> None:
 
 
 @pytest.mark.parametrize(("robot", "off"), [("s3", 3.1), ("egm", 0.3)])
-def test_a_side_presses_against_a_wall_with_its_force(play: Play, robot: str, off: float) -> None:
-    """5 N to the right, beside 10 N into the surface. One step of the S3's position is 3.1 N on the wall."""
+def test_across_force_is_held_at_wall(play: Play, robot: str, off: float) -> None:
+    """5 N to the right, in addition to 10 N into the surface. One step of the S3's position is 3.1 N on the wall."""
     run = play(robot, stroke(across="force", across_n=-5.0), START, WALL)
     assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
     forces = late(run, 0.3)
@@ -88,18 +88,18 @@ def test_a_side_presses_against_a_wall_with_its_force(play: Play, robot: str, of
 
 
 @ROBOTS
-def test_a_tool_that_leans_on_a_wall_comes_off_it_behind_a_hold_too(play: Play, robot: str) -> None:
-    """The hold itself works along no side, but the tool still leans on what the track has met."""
+def test_tool_at_wall_retracts_after_hold(play: Play, robot: str) -> None:
+    """The hold controls no lateral force, but the tool still presses against the wall that the track met."""
     leaning = stroke(across="force", across_n=-15.0)
     run = play(robot, [*leaning[:-1], {"do": "hold", "for_s": 1.0}, RETRACT], START, WALL)
     assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
-    held, lifted = run.of(3)[-1].across_commanded, run.of(4)[-1].across_commanded
-    assert abs(held) > 2e-3, "it has come to the wall"
-    assert lifted > held + 0.5e-3
+    holding, lifted = run.of(3)[-1].across_commanded, run.of(4)[-1].across_commanded
+    assert abs(holding) > 2e-3, "it has reached the wall"
+    assert lifted > holding + 0.5e-3
     assert run.differs() == []
 
 
-def test_a_side_that_finds_nothing_goes_no_farther_than_it_may(play: Play) -> None:
+def test_across_force_without_wall_is_limited(play: Play) -> None:
     run = play("s3", stroke(across="force", across_n=-5.0, across_mm=2.0), START)
     assert run.result.outcome == "completed"
     assert min(record.across_commanded for record in run.cycles) == pytest.approx(-2e-3, abs=1e-6)
@@ -109,7 +109,7 @@ CORNER = {"kind": "polyline", "points_mm": [[0, 0], [2, 0], [2, 10]]}
 
 
 @ROBOTS
-def test_the_tool_looks_along_its_path(play: Play, robot: str) -> None:
+def test_tool_is_oriented_along_path(play: Play, robot: str) -> None:
     """Along an arc of 60°, whose straight pieces are 9° apart."""
     arc = {"kind": "arc", "centre_mm": [0, 15], "angle_deg": 60}
     run = play(robot, stroke(path=arc, speed_mm_s=2.2, orientation="along-path"), START)
@@ -123,8 +123,8 @@ def test_the_tool_looks_along_its_path(play: Play, robot: str) -> None:
     assert run.differs() == []
 
 
-def test_it_turns_at_a_corner_no_faster_than_it_may(play: Play) -> None:
-    """The tool has 5 s for the way behind the corner, and needs 4.5 s for the turn."""
+def test_tool_turn_rate_at_corner_is_limited(play: Play) -> None:
+    """The path after the corner takes 5 s, and the turn 4.5 s."""
     run = play(
         "egm",
         stroke(path=CORNER, speed_mm_s=2.0, orientation="along-path"),
@@ -155,7 +155,7 @@ WAVES = {
 
 
 @pytest.mark.full
-def test_the_feed_falls_where_the_force_is_off(play: Play) -> None:
+def test_feed_falls_with_force_error(play: Play) -> None:
     """Waves of 32° at their steepest: with the override slower, and with less error."""
     plain = play("egm", stroke(speed_mm_s=20.0), START, WAVES)
     slower = play("egm", stroke(speed_mm_s=20.0, feed_error_n=4.0), START, WAVES)
@@ -167,7 +167,7 @@ def test_the_feed_falls_where_the_force_is_off(play: Play) -> None:
 
 
 @ROBOTS
-def test_a_step_stops_at_its_own_tighter_limit(play: Play, robot: str) -> None:
+def test_step_stops_at_its_own_limit(play: Play, robot: str) -> None:
     tight = {"limits": {"moment_limit_nm": 0.2}}
     run = play(robot, stroke(**tight), START)
     assert run.stopped
@@ -193,7 +193,7 @@ do = "retract"
 
 
 @pytest.mark.parametrize(("within", "code"), [(2.0, 0), (0.01, 4)])
-def test_a_criterion_decides_on_the_exit_code(tmp_path: Path, within: float, code: int) -> None:
+def test_criterion_determines_exit_code(tmp_path: Path, within: float, code: int) -> None:
     config, record = tmp_path / "c.toml", tmp_path / "r.mcap"
     summary = tmp_path / "s.json"
     config.write_text(PROGRAM.format(within=within))
@@ -201,12 +201,12 @@ def test_a_criterion_decides_on_the_exit_code(tmp_path: Path, within: float, cod
     try:
         arguments = ["run", str(config), "--virtual", "--no-view", *files]
         result = CliRunner().invoke(cli, arguments, catch_exceptions=False)
-        found, told = result.exit_code, result.output
+        exit_code, reported = result.exit_code, result.output
     except BridgeError as error:
-        found, told = error.exit_code, str(error)
-    assert found == code, told
+        exit_code, reported = error.exit_code, str(error)
+    assert exit_code == code, reported
     if code:
-        assert "2 (track)" in told
+        assert "2 (track)" in reported
     steps = json.loads(summary.read_text())["steps"]
     assert [bool(step["passed"]) for step in steps] == [True, code == 0, True]
     replayed = CliRunner().invoke(cli, ["replay", str(record)], catch_exceptions=False)

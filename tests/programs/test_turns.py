@@ -1,4 +1,4 @@
-"""The guard's limits of turning hold against estimates and robots that go wrong."""
+"""The guard's rotation limits hold against wrong estimates and faulty robots."""
 
 import math
 from collections.abc import Callable
@@ -8,8 +8,8 @@ import pytest
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 DOWN = (0.0, 1.0, 0.0, 0.0)
 HALF = math.radians(5.0) / 2
 ASKEW = (0.0, math.cos(HALF), 0.0, -math.sin(HALF))
@@ -39,15 +39,15 @@ def apart_deg(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def tilt_deg(run: Played, home: tuple[float, ...]) -> float:
-    """The farthest that the tool was truly tipped from its start."""
+def tilt_deg(run: Trial, home: tuple[float, ...]) -> float:
+    """Return the largest true tilt of the tool from its start."""
     return max(apart_deg(state.quaternion, home) for _, state in run.states)
 
 
-def in_step(number: int, target: str, fault: str, **how: object) -> Callable[[Played, Any], None]:
+def in_step(number: int, target: str, fault: str, **how: object) -> Callable[[Trial, Any], None]:
     """A fault from the first cycle of a step on."""
 
-    def meddle(run: Played, record: Any) -> None:
+    def meddle(run: Trial, record: Any) -> None:
         if record.step == number and not run.cell.faults:
             run.inject(target, fault, **how)
 
@@ -67,12 +67,12 @@ WRONG: dict[str, tuple[str, dict[str, object]]] = {
 @pytest.mark.parametrize(
     ("robot", "name"), [*(("s3", name) for name in WRONG), *(("egm", name) for name in list(WRONG)[::2])]
 )
-def test_a_wrong_force_tips_the_tool_no_farther_than_allowed(play: Play, robot: str, name: str) -> None:
+def test_wrong_force_tilt_is_limited(play: Play, robot: str, name: str) -> None:
     fault, how = WRONG[name]
     path = {"kind": "line", "length_mm": 30}
     track = {"do": "track", "path": path, "speed_mm_s": SPEED[robot], "orientation": "normal"}
 
-    def meddle(run: Played, record: Any) -> None:
+    def meddle(run: Trial, record: Any) -> None:
         if record.travel_commanded > 5e-3 and not run.cell.faults:
             run.inject("signal", fault, **how)
 
@@ -86,7 +86,7 @@ def test_a_wrong_force_tips_the_tool_no_farther_than_allowed(play: Play, robot: 
 
 
 @ROBOTS
-def test_a_wrong_moment_tips_it_no_farther(play: Play, robot: str) -> None:
+def test_wrong_moment_tilt_is_limited(play: Play, robot: str) -> None:
     run = play(
         robot,
         [APPROACH, HOLD, RETRACT],
@@ -102,7 +102,7 @@ def test_a_wrong_moment_tips_it_no_farther(play: Play, robot: str) -> None:
 
 
 @ROBOTS
-def test_the_total_tilt_is_limited(play: Play, robot: str) -> None:
+def test_total_tilt_is_limited(play: Play, robot: str) -> None:
     run = play(robot, [APPROACH, HOLD, RETRACT], FLAT, QUICKLY, {"limits": {"turn_total_deg": 3.0}})
     assert "tilted by more than 3°" in run.clamps()
     assert 1.0 < tilt_deg(run, ASKEW) <= 3.0 + 0.2
@@ -111,7 +111,7 @@ def test_the_total_tilt_is_limited(play: Play, robot: str) -> None:
 
 @pytest.mark.parametrize("where", ["run", "step"])
 @ROBOTS
-def test_the_rate_is_limited(play: Play, robot: str, where: str) -> None:
+def test_turn_rate_is_limited(play: Play, robot: str, where: str) -> None:
     """Over half a second and more: within a cycle the S3 turns at its own speed."""
     limit = {"limits": {"turn_deg_s": 2.0}}
     hold, run_wide = ({**HOLD, **limit}, {}) if where == "step" else (HOLD, limit)
@@ -129,8 +129,8 @@ def test_the_rate_is_limited(play: Play, robot: str, where: str) -> None:
 
 
 @pytest.mark.full
-def test_a_robot_that_tells_no_turn_is_stopped(play: Play) -> None:
-    """Its pose as it tells it stays as it was, while it is ordered to turn and to press."""
+def test_robot_without_reported_turn_is_stopped(play: Play) -> None:
+    """Its reported pose does not change while it is ordered to turn and to press."""
     run = play("egm", [APPROACH, HOLD, RETRACT], FLAT, QUICKLY, meddle=in_step(2, "pose", "frozen"))
     assert run.stopped
     assert "behind all that was ordered" in run.cause
@@ -140,8 +140,8 @@ def test_a_robot_that_tells_no_turn_is_stopped(play: Play) -> None:
 
 
 @pytest.mark.parametrize("robot", ["s3", "rsi"])
-def test_a_robot_that_turned_otherwise_is_stopped(play: Play, robot: str) -> None:
-    """It tells another orientation than the ordered one."""
+def test_robot_with_wrong_turn_is_stopped(play: Play, robot: str) -> None:
+    """It reports an orientation different from the ordered one."""
     meddle = in_step(2, "pose", "turned", degrees=12.0, axis="x")
     run = play(robot, [APPROACH, HOLD, RETRACT], FLAT, QUICKLY, meddle=meddle)
     assert run.stopped

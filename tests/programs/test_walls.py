@@ -1,6 +1,6 @@
-"""A wall in the way of a stroke, and a step of 2 mm, whose faces push back with 50 kN/m.
+"""A wall in the path of a stroke, and a step of 2 mm, whose faces push back with 50 kN/m.
 
-The bound of the true force is that of `tests/guard`: the limit, and what was already ordered and cannot be taken back,
+The bound of the true force is the same as in `tests/guard`: the limit, plus the effect of orders already sent,
 
     bound = limit + stiffness · step · cycles
 """
@@ -13,8 +13,8 @@ import pytest
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 FACE = 5e4
 """Stiffness of the faces, N/m."""
 LATENCY_CYCLES = 3
@@ -29,11 +29,11 @@ ROBOTS = {"s3": (2.0, 5.0, 0.18), "egm": (5.0, 20.0, 0.012)}
 
 def against(
     play: Play, robot: str, stiffness: float, height: float, speed: float, **more: Any
-) -> tuple[Played, float]:
-    """A stroke of 30 mm with something in the way after 5 mm, and the largest true force along the surface, N."""
+) -> tuple[Trial, float]:
+    """Return a stroke of 30 mm with an obstacle after 5 mm, and the largest true force along the surface, N."""
     path = {"kind": "line", "length_mm": 30}
     surface = {"stiffness_n_m": stiffness, "wall_at_mm": -95.0, "wall_height_mm": height}
-    played = play(
+    trial = play(
         robot,
         [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": speed, **more}, {"do": "retract"}],
         {
@@ -41,7 +41,7 @@ def against(
             "task": {"expected_stiffness_n_m": stiffness, "retract_mm": 4.0, "retract_speed_mm_s": 11.0},
         },
     )
-    return played, float(np.hypot(played.forces[:, 0], played.forces[:, 1]).max())
+    return trial, float(np.hypot(trial.forces[:, 0], trial.forces[:, 1]).max())
 
 
 def bound(limit: float, robot: str, speed: float) -> float:
@@ -52,15 +52,15 @@ def bound(limit: float, robot: str, speed: float) -> float:
 @pytest.mark.parametrize(("at_wall", "height"), [("slow", WALL), ("stop", STEP)])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_lateral_limit_ends_the_stroke_and_says_why(
+def test_lateral_limit_ends_stroke_with_reason(
     play: Play, robot: str, stiffness: float, at_wall: str, height: float
 ) -> None:
     speed = ROBOTS[robot][0]
     run, aside = against(play, robot, stiffness, height, speed, lateral_limit_n=LATERAL_N, at_wall=at_wall)
     assert run.stopped
-    words = "holds the feed 5." if at_wall == "slow" else "is beyond 20 N, 5."
-    assert words in run.cause
-    assert run.cause.endswith("mm along the path: something stands in the way, in step 2 (track)")
+    message = "stops the feed 5." if at_wall == "slow" else "is beyond 20 N, 5."
+    assert message in run.cause
+    assert run.cause.endswith("mm along the path: there is an obstacle, in step 2 (track)")
     assert run.result.left == "retracted, 0.0 N"
     assert run.last == 0.0
     assert aside <= LATERAL_N + 15.0
@@ -71,7 +71,7 @@ def test_a_lateral_limit_ends_the_stroke_and_says_why(
     assert run.differs() == []
 
 
-def test_a_slow_stroke_comes_to_its_limit_softly(play: Play) -> None:
+def test_slow_stroke_approaches_limit_gradually(play: Play) -> None:
     """The feed falls from half of the limit on."""
     run, _ = against(play, "egm", 5e3, WALL, 5.0, lateral_limit_n=LATERAL_N)
     feeds = [record.explanation.get("feed", 1.0) for record in run.of(2) if record.phase == "track"]
@@ -83,23 +83,23 @@ def test_a_slow_stroke_comes_to_its_limit_softly(play: Play) -> None:
 
 @pytest.mark.parametrize("height", [WALL, STEP], ids=["wall", "step"])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_without_a_lateral_limit_the_guard_stops_it(play: Play, robot: str, height: float) -> None:
-    """The force against the way is the first limit that it meets, as in a run without steps."""
+def test_guard_stops_stroke_without_lateral_limit(play: Play, robot: str, height: float) -> None:
+    """The force against the travel reaches its limit first, as in a run without steps."""
     speed = ROBOTS[robot][1]
     run, _ = against(play, robot, 5e3, height, speed)
     assert run.stopped
     assert "N against the travel is" in run.cause
-    assert run.cause.endswith("something stands in the way, in step 2 (track)")
+    assert run.cause.endswith("there is an obstacle, in step 2 (track)")
     assert run.largest <= bound(run.config.limits.resultant_limit_n, robot, speed)
     assert run.result.left == "retracted, 0.0 N"
     assert run.differs() == []
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_contact_that_is_lost_is_no_wall(play: Play, robot: str) -> None:
-    """The surface falls away by 8 mm, and the tool waits and searches: nothing stands in the way."""
+def test_contact_loss_is_not_a_wall(play: Play, robot: str) -> None:
+    """The surface falls away by 8 mm, and the tool waits and searches; there is no obstacle."""
 
-    def drop(run: Played, record: Any) -> None:
+    def drop(run: Trial, record: Any) -> None:
         if record.phase == "track" and not run.cell.faults:
             run.inject("surface", "hole", depth_mm=8.0, for_s=600.0)
 

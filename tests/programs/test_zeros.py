@@ -1,4 +1,4 @@
-"""Zeros between the strokes against a sensor that drifts: they hide no force from the guard."""
+"""Zeros between strokes with a drifting sensor: they hide no force from the guard."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,8 +9,8 @@ from hil_bridge.errors import Cause
 
 pytestmark = pytest.mark.sweep
 
-Played = Any
-Play = Callable[..., Played]
+Trial = Any
+Play = Callable[..., Trial]
 LINE = {"kind": "line", "length_mm": 10}
 STROKE = [
     {"do": "approach"},
@@ -23,18 +23,18 @@ CELL = {
     "task": {"retract_mm": 4.0, "retract_speed_mm_s": 11.0},
 }
 LESS, MORE = -0.12, 0.12
-"""Drifts of Fz, N/s: it is negative while the tool presses, so that the first one tells too much force."""
+"""Drifts of Fz, N/s. Fz is negative while the tool presses, so the first one makes the force read too high."""
 
 
-def drifting(per_s: float) -> Callable[[Played, Any], None]:
-    def meddle(run: Played, record: Any) -> None:
+def drifting(per_s: float) -> Callable[[Trial, Any], None]:
+    def meddle(run: Trial, record: Any) -> None:
         if not run.cell.faults:
             run.inject("signal", "drift", axis="fz", per_s=per_s, for_s=600.0)
 
     return meddle
 
 
-def true_force(run: Played, number: int) -> float:
+def true_force(run: Trial, number: int) -> float:
     """Mean true force along the approach over the second half of a step, N."""
     records = run.of(number)
     late = (run.times > records[len(records) // 2].started_at) & (run.times < records[-1].started_at)
@@ -42,7 +42,7 @@ def true_force(run: Played, number: int) -> float:
 
 
 @pytest.mark.parametrize(("robot", "per_s"), [("s3", LESS), ("s3", MORE), ("egm", LESS)])
-def test_a_zero_between_strokes_takes_the_drift_off(play: Play, robot: str, per_s: float) -> None:
+def test_zero_between_strokes_removes_drift(play: Play, robot: str, per_s: float) -> None:
     with_zeros = play(robot, [*STROKE, ZERO, *STROKE, ZERO, *STROKE], CELL, meddle=drifting(per_s))
     assert with_zeros.result.outcome == "completed"
     assert with_zeros.result.left.startswith("retracted, ")
@@ -50,7 +50,7 @@ def test_a_zero_between_strokes_takes_the_drift_off(play: Play, robot: str, per_
     assert with_zeros.differs() == []
 
 
-def test_without_zeros_it_presses_less_and_the_end_says_so(play: Play) -> None:
+def test_drift_without_zeros_is_reported_at_end(play: Play) -> None:
     without = play("s3", [*STROKE, *STROKE, *STROKE], CELL, meddle=drifting(LESS))
     assert true_force(without, 8) < 9.3
     assert without.stopped
@@ -58,28 +58,28 @@ def test_without_zeros_it_presses_less_and_the_end_says_so(play: Play) -> None:
     assert without.result.cause is Cause.LEFT_PRESSING
 
 
-def test_a_zero_is_refused_that_would_take_a_touch_away(play: Play) -> None:
-    """Something presses on the tool while it stands, for the sensor jumps by 3 N."""
+def test_zero_in_contact_is_refused(play: Play) -> None:
+    """Something presses on the stationary tool, because the sensor jumps by 3 N."""
 
-    def jump(run: Played, record: Any) -> None:
+    def jump(run: Trial, record: Any) -> None:
         if record.phase == "zero" and not run.cell.faults:
             run.inject("signal", "offset", axis="fz", amount=-3.0)
 
     run = play("s3", [*STROKE, ZERO, *STROKE], CELL, meddle=jump)
     assert run.stopped
-    assert "would be taken for zero, allowed are 2 N" in run.cause
+    assert "would be used as the zero, allowed: at most 2 N" in run.cause
     assert run.result.cause is Cause.DRIFT
     assert run.cause.endswith("in step 4 (zero)")
     assert run.last == 0.0
 
 
 @pytest.mark.parametrize(("robot", "ramp_ms"), [("s3", 300.0), ("egm", 30.0)])
-def test_many_zeros_hide_no_force_from_the_guard(play: Play, robot: str, ramp_ms: float) -> None:
-    """Each takes less than 2 N off, and all together 6 N and more. Then the surface rises, and the tool presses beyond
-    the limit while the sensor tells less.
+def test_many_zeros_hide_no_force(play: Play, robot: str, ramp_ms: float) -> None:
+    """Each zero removes less than 2 N, and all together remove 6 N or more. Then the surface rises, and the tool
+    presses beyond the limit while the sensor reports less.
     """
 
-    def meddle(run: Played, record: Any) -> None:
+    def meddle(run: Trial, record: Any) -> None:
         if not run.cell.faults:
             run.inject("signal", "drift", axis="fz", per_s=1.0, for_s=600.0)
         if record.step == 10 and record.travel_commanded > 3e-3 and len(run.cell.faults) == 1:
@@ -89,4 +89,4 @@ def test_many_zeros_hide_no_force_from_the_guard(play: Play, robot: str, ramp_ms
     assert "is beyond 16 N, in step 10 (track)" in run.cause
     stop = next(record for record in run.cycles if record.verdict == "stop")
     assert abs(stop.sample.force) < stop.sample.peak_force < 16.0 < stop.force
-    assert run.largest < 16.0 + 15.0, "the whole rise of 3 mm at 5 kN/m"
+    assert run.largest < 16.0 + 15.0, "the complete rise of 3 mm at 5 kN/m"

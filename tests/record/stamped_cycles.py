@@ -1,4 +1,4 @@
-"""Cycles whose hops are known, and recordings of them."""
+"""Cycles with known hops, and recordings of them."""
 
 import json
 from typing import Any
@@ -17,7 +17,7 @@ STATUS_ANSWER = (8 + 24 + 5 + 4) * CHARACTER
 
 
 def cycle(number: int, at: float, **changes: Any) -> CycleRecord:
-    """One whose hops are known: status line 20 ms, its turnaround 10, then 2, 3, 4, 5, 6, 70 and 12 ms."""
+    """Return a cycle with known hops: status line 20 ms, its turnaround 10, then 2, 3, 4, 5, 6, 70 and 12 ms."""
     status_at = at + 0.030 + STATUS_ANSWER
     transmitted_at = status_at + 0.082
     values: dict[str, Any] = {
@@ -41,7 +41,9 @@ def cycle(number: int, at: float, **changes: Any) -> CycleRecord:
 
 
 def truth(of: CycleRecord, motion: float = 0.030, sample: float = 0.001) -> TruthRecord:
-    """Sampled `sample` before the frame came, in motion `motion` after the last character of the order."""
+    """Return a truth record: sampled `sample` before the frame's arrival, in motion `motion` after the order's last
+    character.
+    """
     return TruthRecord(
         of.cycle,
         of.answered_at,

@@ -1,4 +1,4 @@
-"""Bags of ROS 2 that other programs have written, as recordings, reports and comparisons."""
+"""ROS 2 bags written by other programs, as recordings, reports and comparisons."""
 
 import json
 import math
@@ -49,8 +49,8 @@ pytestmark = pytest.mark.sweep
 CHOSEN = BagChoices(topics={"wrench": "/contact/wrench", "pose": "/pose_broadcaster/pose"})
 
 
-def refused(path: Path, **choices: Any) -> str:
-    """The one line with which a bag is refused."""
+def refusal_of(path: Path, **choices: Any) -> str:
+    """Return the single line with which a bag is refused."""
     with pytest.raises(ConfigError) as caught:
         hil_bridge.read(path, BagChoices(**choices))
     assert "\n" not in str(caught.value)
@@ -59,7 +59,7 @@ def refused(path: Path, **choices: Any) -> str:
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("alone", [False, True])
-def test_a_bag_tells_force_depth_and_figures(tmp_path: Path, storage: StoragePlugin, alone: bool) -> None:
+def test_bag_provides_force_depth_and_figures(tmp_path: Path, storage: StoragePlugin, alone: bool) -> None:
     bag = pressed(tmp_path / "press", storage)
     if alone:
         (bag,) = (file for file in bag.iterdir() if file.suffix in (".mcap", ".db3"))
@@ -92,7 +92,7 @@ def test_a_bag_tells_force_depth_and_figures(tmp_path: Path, storage: StoragePlu
 
 
 @pytest.mark.parametrize("faults", [(), (EMERGENCY_STOP,)])
-def test_figures_of_an_exported_bag_are_those_of_the_recording(
+def test_exported_bag_has_figures_of_its_recording(
     recordings: Recordings, tmp_path: Path, faults: Sequence[Mapping[str, Any]]
 ) -> None:
     shutil.copy(recordings.path(WHOLE, faults=faults), tmp_path / "run.mcap")
@@ -109,43 +109,47 @@ def test_figures_of_an_exported_bag_are_those_of_the_recording(
     assert np.nanmax(commanded) == pytest.approx(recording.arrays.depth_commanded.max(), abs=2e-4)
 
 
-def test_topics_are_named_where_there_are_several(tmp_path: Path) -> None:
+def test_bag_with_several_topics_lists_them(tmp_path: Path) -> None:
     raw = [wrench(at, (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)) for at, _ in press()[0]]
     bag = pressed(tmp_path / "two", more={"/ft/raw": (WRENCH, raw)})
-    said = refused(bag)
+    message = refusal_of(bag)
     assert (
         "several geometry_msgs/WrenchStamped: /ft/raw, /ft/wrench; name one with --topic wrench=/ft/raw"
-        in said
+        in message
     )
     assert hil_bridge.read(bag, BagChoices(topics={"wrench": "/ft/raw"})).arrays.force[0] == 50.0
     either = BagChoices(topics={"wrench": ("/not/here", "/ft/wrench")})
     assert hil_bridge.read(bag, either).arrays.force[-1] == pytest.approx(9.9)
-    assert "no topic /gone; of geometry_msgs/WrenchStamped there are: /ft/raw, /ft/wrench" in refused(
+    assert "no topic /gone; topics of type geometry_msgs/WrenchStamped: /ft/raw, /ft/wrench" in refusal_of(
         bag, topics={"wrench": "/gone"}
     )
-    assert "/tcp is geometry_msgs/msg/PoseStamped, and geometry_msgs/WrenchStamped is wanted" in refused(
+    assert "/tcp is geometry_msgs/msg/PoseStamped; expected geometry_msgs/WrenchStamped" in refusal_of(
         bag, topics={"wrench": "/tcp"}
     )
 
 
-def test_a_frame_of_tf_is_a_pose(tmp_path: Path) -> None:
+def test_bag_tf_frame_is_a_pose(tmp_path: Path) -> None:
     wrenches, poses = press()
     topics = {
         "/ft": (WRENCH, [wrench(*row) for row in wrenches]),
         "/tf": (TRANSFORMS, [transform(*row) for row in poses]),
     }
     bag = write(tmp_path / "tf", topics)
-    assert "no topic of geometry_msgs/PoseStamped; --topic pose=/tf:CHILD takes one" in refused(bag)
-    assert "/tf has many frames; name one with --topic pose=/tf:CHILD" in refused(bag, topics={"pose": "/tf"})
-    assert "/tf has no frame 'hand'" in refused(bag, topics={"pose": "/tf:hand"})
+    assert "no topic of type geometry_msgs/PoseStamped; --topic pose=/tf:CHILD takes one" in refusal_of(bag)
+    assert "/tf has many frames; name one with --topic pose=/tf:CHILD" in refusal_of(
+        bag, topics={"pose": "/tf"}
+    )
+    assert "/tf has no frame 'hand'" in refusal_of(bag, topics={"pose": "/tf:hand"})
     recording = hil_bridge.read(bag, BagChoices(topics={"pose": "/tf:tcp"}))
     assert recording.arrays.depth[-1] == pytest.approx(0.0199, abs=1e-9)
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize("topic", ["/tf", "/tf_static"])
-def test_transform_with_moving_parent_is_refused(tmp_path: Path, storage: StoragePlugin, topic: str) -> None:
-    """The place of a child in a moving parent is not its place in the base."""
+def test_bag_transform_with_moving_parent_is_refused(
+    tmp_path: Path, storage: StoragePlugin, topic: str
+) -> None:
+    """The position of a child in a moving parent is not its position in the base."""
     wrenches, poses = press()
     moving = [transform(*row) for row in poses]
     fixed = [transform(*row) for row in poses[:1] * len(poses)]
@@ -156,19 +160,19 @@ def test_transform_with_moving_parent_is_refused(tmp_path: Path, storage: Storag
     topics = {"/ft": (WRENCH, [wrench(*row) for row in wrenches]), "/tf": (TRANSFORMS, moving)}
     topics[topic] = (TRANSFORMS, moving + fixed if topic == "/tf" else fixed)
     bag = write(tmp_path / "chain", topics, storage)
-    said = refused(bag, topics={"pose": f"{topic}:tip"})
-    assert "frame 'tip' is given in 'tcp', which moves with 'tcp' in 'base_link'" in said
+    message = refusal_of(bag, topics={"pose": f"{topic}:tip"})
+    assert "frame 'tip' is given in 'tcp', which moves with 'tcp' in 'base_link'" in message
     assert hil_bridge.read(bag, BagChoices(topics={"pose": "/tf:tcp"})).arrays.depth[-1] > 0.019
 
 
-def test_frames_axis_sign_and_zero_are_choices(tmp_path: Path) -> None:
-    """One press, told in four ways: by the tool or the base, on the tool or by it, with an offset or without."""
+def test_bag_frame_axis_sign_and_zero_are_configurable(tmp_path: Path) -> None:
+    """One press in four descriptions: in tool or base frame, on the tool or by it, with or without an offset."""
     wrenches, poses = press()
     leaning = turn_about((1.0, 0.0, 0.0), math.pi - 0.4)
     tilted = [(at, (*place[:3], *leaning)) for at, place in poses]
     based = [(at, (*rotate(leaning, parts[:3]), *rotate(leaning, parts[3:]))) for at, parts in wrenches]
     shifted = [(at, tuple(2.0 - part for part in parts)) for at, parts in wrenches]
-    told: dict[str, list[Row]] = {"tool": wrenches, "base": list(based), "shifted": list(shifted)}
+    variants: dict[str, list[Row]] = {"tool": wrenches, "base": list(based), "shifted": list(shifted)}
     bags = {
         name: write(
             tmp_path / name,
@@ -177,7 +181,7 @@ def test_frames_axis_sign_and_zero_are_choices(tmp_path: Path) -> None:
                 "/tcp": (POSE, [pose(*row) for row in tilted]),
             },
         )
-        for name, rows in told.items()
+        for name, rows in variants.items()
     }
     plain = hil_bridge.read(bags["tool"]).arrays
     in_base = hil_bridge.read(bags["base"], BagChoices(wrench_in="base")).arrays
@@ -193,11 +197,11 @@ def test_frames_axis_sign_and_zero_are_choices(tmp_path: Path) -> None:
     )
     zeroed = hil_bridge.read(bags["shifted"], BagChoices(sign=-1, zero_s=0.5)).arrays
     np.testing.assert_allclose(zeroed.force, plain.force, atol=1e-9)
-    aside = hil_bridge.read(bags["tool"], BagChoices(axis="tool:-x")).arrays
-    np.testing.assert_allclose(aside.force, 0.3)
+    lateral = hil_bridge.read(bags["tool"], BagChoices(axis="tool:-x")).arrays
+    np.testing.assert_allclose(lateral.force, 0.3)
 
 
-def test_choices_that_there_are_not_are_refused_in_one_line() -> None:
+def test_bag_invalid_choices_are_refused_in_one_line() -> None:
     choices: Sequence[Mapping[str, Any]] = (
         {"axis": "z"},
         {"axis": "flange:z"},
@@ -214,7 +218,7 @@ def test_choices_that_there_are_not_are_refused_in_one_line() -> None:
             BagChoices(**choice)
 
 
-def test_wrenches_far_from_every_pose_are_left_out(tmp_path: Path) -> None:
+def test_bag_wrenches_without_nearby_pose_are_omitted(tmp_path: Path) -> None:
     wrenches, poses = press()
     topics = {
         "/ft": (WRENCH, [wrench(*row) for row in wrenches]),
@@ -225,10 +229,10 @@ def test_wrenches_far_from_every_pose_are_left_out(tmp_path: Path) -> None:
     assert recording.foreign.left_out == 79
     assert len(recording.cycles) == 121
     topics["/tcp"] = (POSE, [pose(at + 60.0, parts) for at, parts in poses])
-    assert "no wrench has a pose within 0.5 s" in refused(write(tmp_path / "never", topics))
+    assert "no wrench has a pose within 0.5 s" in refusal_of(write(tmp_path / "never", topics))
 
 
-def test_times_that_go_back_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_bag_decreasing_times_are_refused_in_one_line(tmp_path: Path) -> None:
     wrenches, poses = press()
     shaken = list(wrenches)
     shaken[50] = (wrenches[45][0], wrenches[50][1])
@@ -237,19 +241,21 @@ def test_times_that_go_back_are_refused_in_one_line(tmp_path: Path) -> None:
         "/tcp": (POSE, [pose(*row) for row in poses]),
     }
     bag = write(tmp_path / "back", topics)
-    assert "/ft: the time goes back by 0.04 s at message 51; --stamps log" in refused(bag)
+    assert "/ft: the time goes back by 0.04 s at message 51; --stamps log" in refusal_of(bag)
     assert hil_bridge.read(bag, BagChoices(stamps="log")).arrays.time[51] == pytest.approx(0.51)
     topics["/ft"] = (WRENCH, [wrench(math.nan, parts) for _, parts in wrenches])
-    assert "/ft has no stamps in its headers; --stamps log" in refused(write(tmp_path / "none", topics))
+    assert "/ft has no time stamps in its headers; --stamps log" in refusal_of(
+        write(tmp_path / "none", topics)
+    )
 
 
-def test_what_is_no_number_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_bag_nan_is_refused_in_one_line(tmp_path: Path) -> None:
     wrenches, poses = press()
 
-    def bag(name: str, place: int, **parts: Sequence[float]) -> Path:
+    def bag(name: str, index: int, **parts: Sequence[float]) -> Path:
         rows = {"wrench": list(wrenches), "pose": list(poses)}
         for role, values in parts.items():
-            rows[role][place] = (rows[role][place][0], values)
+            rows[role][index] = (rows[role][index][0], values)
         return write(
             tmp_path / name,
             {
@@ -259,16 +265,18 @@ def test_what_is_no_number_is_refused_in_one_line(tmp_path: Path) -> None:
         )
 
     nan, inf = math.nan, math.inf
-    assert "/ft: force z of message 8 is not a number" in refused(bag("a", 7, wrench=(0, 0, nan, 0, 0, 0)))
-    assert "/ft: torque x of message 8 is not a number" in refused(bag("b", 7, wrench=(0, 0, 0, nan, 0, 0)))
-    assert "/tcp: y of message 1 is not a number" in refused(bag("c", 0, pose=(0, inf, 0, *DOWN)))
-    assert "/tcp: the orientation of message 3 is all zero" in refused(bag("d", 2, pose=(0,) * 7))
-    assert "/ft: force x of message 8 is 2e+06: is it in SI units?" in refused(
+    assert "/ft: force z of message 8 is not a number" in refusal_of(bag("a", 7, wrench=(0, 0, nan, 0, 0, 0)))
+    assert "/ft: torque x of message 8 is not a number" in refusal_of(
+        bag("b", 7, wrench=(0, 0, 0, nan, 0, 0))
+    )
+    assert "/tcp: y of message 1 is not a number" in refusal_of(bag("c", 0, pose=(0, inf, 0, *DOWN)))
+    assert "/tcp: the orientation of message 3 is all zero" in refusal_of(bag("d", 2, pose=(0,) * 7))
+    assert "/ft: force x of message 8 is 2e+06: is it in SI units?" in refusal_of(
         bag("e", 7, wrench=(2e6, 0, 0, 0, 0, 0))
     )
 
 
-def test_moments_that_are_never_told_are_missing(tmp_path: Path) -> None:
+def test_bag_without_moments_lacks_moments(tmp_path: Path) -> None:
     wrenches, poses = press()
     untold = [wrench(at, (*parts[:3], *[math.nan] * 3)) for at, parts in wrenches]
     topics = {"/ft": (WRENCH, untold), "/tcp": (POSE, [pose(*row) for row in poses])}
@@ -279,18 +287,18 @@ def test_moments_that_are_never_told_are_missing(tmp_path: Path) -> None:
     assert re.search(r"These charts have no values: [^.]*Moments about", page)
 
 
-def test_damaged_bags_and_what_is_none_are_told_in_one_line(tmp_path: Path) -> None:
+def test_damaged_bag_or_non_bag_is_refused_in_one_line(tmp_path: Path) -> None:
     wrenches, poses = press()
     good = pressed(tmp_path / "good") / "good.mcap"
     data = good.read_bytes()
     (tmp_path / "empty").mkdir()
-    assert "is no bag of ROS 2: no file in it ends in .mcap or .db3" in refused(tmp_path / "empty")
+    assert "is not a ROS 2 bag: no file in it ends in .mcap or .db3" in refusal_of(tmp_path / "empty")
     (tmp_path / "empty" / "bag.mcap.zstd").write_bytes(b"")
-    assert "is packed as a whole; `zstd -d` unpacks it" in refused(tmp_path / "empty")
+    assert "is compressed; decompress it with `zstd -d`" in refusal_of(tmp_path / "empty")
     (tmp_path / "empty" / "bag.mcap").write_bytes(b"")
-    assert "is no MCAP file" in refused(tmp_path / "empty")
+    assert "is not an MCAP file" in refusal_of(tmp_path / "empty")
     (tmp_path / "cut.mcap").write_bytes(data[:60])
-    assert "has no topic of geometry_msgs/WrenchStamped" in refused(tmp_path / "cut.mcap")
+    assert "has no topic of type geometry_msgs/WrenchStamped" in refusal_of(tmp_path / "cut.mcap")
     broken = bytearray(STORE.serialize_cdr(wrench(*wrenches[0]), WRENCH))[:40]
     odd = write(tmp_path / "odd", {"/tcp": (POSE, [pose(*row) for row in poses])})
     with Writer(tmp_path / "cdr", version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
@@ -299,30 +307,30 @@ def test_damaged_bags_and_what_is_none_are_told_in_one_line(tmp_path: Path) -> N
             ("/tcp", POSE, STORE.serialize_cdr(pose(*poses[0]), POSE)),
         ):
             bag.write(bag.add_connection(name, kind, typestore=STORE), ZERO_NS, row)
-    assert "/ft: message 1 is damaged, or of another type" in refused(tmp_path / "cdr")
-    assert "no topic of geometry_msgs/WrenchStamped" in refused(odd)
+    assert "/ft: message 1 is damaged, or of another type" in refusal_of(tmp_path / "cdr")
+    assert "no topic of type geometry_msgs/WrenchStamped" in refusal_of(odd)
     base = pressed(tmp_path / "base", StoragePlugin.SQLITE3) / "base.db3"
     base.write_bytes(base.read_bytes()[: base.stat().st_size // 2])
-    assert "is damaged, or no bag of ROS 2: " in refused(base)
-    assert "cannot read the recording" in refused(tmp_path / "gone")
+    assert "is damaged, or not a ROS 2 bag: " in refusal_of(base)
+    assert "cannot read the recording" in refusal_of(tmp_path / "gone")
 
 
 @pytest.mark.full
-def test_a_bag_that_was_cut_off_is_read_to_its_end(tmp_path: Path) -> None:
+def test_cut_off_bag_is_read_to_its_end(tmp_path: Path) -> None:
     many = [wrench(0.001 * k, (0.0, 0.0, -5.0, 0.0, 0.0, 0.0)) for k in range(20_000)]
     places = [pose(0.001 * k, (0.0, 0.0, 0.1, *DOWN)) for k in range(20_000)]
     with Writer(tmp_path / "cut", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        force, place = (
+        force, position = (
             bag.add_connection(name, kind, typestore=STORE)
             for name, kind in (("/ft", WRENCH), ("/tcp", POSE))
         )
         for number, pair in enumerate(zip(many, places, strict=True)):
-            for connection, message in zip((force, place), pair, strict=True):
+            for connection, message in zip((force, position), pair, strict=True):
                 at = ZERO_NS + number * 1_000_000
                 bag.write(connection, at, STORE.serialize_cdr(message, connection.msgtype))
     file = tmp_path / "cut" / "cut.mcap"
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
-    (tmp_path / "cut" / "metadata.yaml").unlink()  # as after a crash
+    (tmp_path / "cut" / "metadata.yaml").unlink()  # as left by a crash
     recording = hil_bridge.read(tmp_path / "cut")
     assert recording.truncated
     assert 1000 < len(recording.cycles) < 20_000
@@ -332,7 +340,7 @@ def test_a_bag_that_was_cut_off_is_read_to_its_end(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, bytes]:
-    """Both kinds of files, as bytes."""
+    """Return both kinds of files as bytes."""
     folder = tmp_path_factory.mktemp("bags")
     bags = {storage.name: pressed(folder / storage.name, storage) for storage in STORAGES}
     return {
@@ -345,14 +353,14 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, bytes]:
 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
-def test_whatever_is_damaged_ends_in_one_line(
+def test_bag_random_damage_gives_one_line(
     files: Mapping[str, bytes], tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     suffix = data.draw(st.sampled_from(sorted(files)))
     damaged = bytearray(files[suffix])
     places = st.integers(0, len(damaged) - 1)
-    for place in data.draw(st.lists(places, min_size=1, max_size=8)):
-        damaged[place] ^= data.draw(st.integers(1, 255))
+    for offset in data.draw(st.lists(places, min_size=1, max_size=8)):
+        damaged[offset] ^= data.draw(st.integers(1, 255))
     path = tmp_path_factory.mktemp("damaged") / f"bag{suffix}"
     path.write_bytes(bytes(damaged[: data.draw(places) + 1 if data.draw(st.booleans()) else None]))
     try:
@@ -367,10 +375,10 @@ def run(*arguments: object) -> Any:
     return CliRunner().invoke(cli, [str(one) for one in arguments])
 
 
-def test_the_report_of_a_bag_draws_what_is_there_and_tells_what_is_not(tmp_path: Path) -> None:
+def test_bag_report_draws_data_and_lists_missing_parts(tmp_path: Path) -> None:
     bag = pressed(tmp_path / "press")
-    done = run("report", bag, "-o", tmp_path / "out", "--axis", "base:-z", "--png", "--contact", "2")
-    assert done.exit_code == 0, done.output
+    result = run("report", bag, "-o", tmp_path / "out", "--axis", "base:-z", "--png", "--contact", "2")
+    assert result.exit_code == 0, result.output
     page = (tmp_path / "out" / "report.html").read_text()
     described = json.loads(re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S)[1])  # type: ignore[index]
     assert [chart["id"] for chart in described["charts"]] == ["force", "lateral", "moments", "depth", "place"]
@@ -382,90 +390,88 @@ def test_the_report_of_a_bag_draws_what_is_there_and_tells_what_is_not(tmp_path:
     assert (tmp_path / "out" / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_bag_is_compared_with_a_run(recordings: Recordings, tmp_path: Path) -> None:
+def test_bag_and_run_are_compared(recordings: Recordings, tmp_path: Path) -> None:
     shutil.copy(recordings.path(WHOLE), tmp_path / "run.mcap")
     bag = pressed(tmp_path / "press")
-    done = run("compare", tmp_path / "run.mcap", bag, "--json")
-    assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["runs"]["press"]["outcome"] == "not told"
-    assert told["runs"]["press"]["contact_force_peak_n"] == pytest.approx(9.9)
-    assert told["runs"]["run"]["contact_force_peak_n"] == pytest.approx(
+    result = run("compare", tmp_path / "run.mcap", bag, "--json")
+    assert result.exit_code == 0, result.output
+    variants = json.loads(result.stdout)
+    assert variants["runs"]["press"]["outcome"] == "not told"
+    assert variants["runs"]["press"]["contact_force_peak_n"] == pytest.approx(9.9)
+    assert variants["runs"]["run"]["contact_force_peak_n"] == pytest.approx(
         contact_figures(hil_bridge.read(tmp_path / "run.mcap"))["contact_force_peak_n"]
     )
-    assert told["settings"] == {}
-    done = run("compare", tmp_path / "run.mcap", bag, "-o", tmp_path / "both.html")
-    assert done.exit_code == 0, done.output
+    assert variants["settings"] == {}
+    result = run("compare", tmp_path / "run.mcap", bag, "-o", tmp_path / "both.html")
+    assert result.exit_code == 0, result.output
     page = (tmp_path / "both.html").read_text()
     assert "press: assumptions" in page
-    assert "no end and no cause is told in it" in page
+    assert "it contains neither an end nor a cause" in page
 
 
-def test_a_bag_shows_how_far_an_emulated_contact_is_from_it(tmp_path: Path) -> None:
-    """The bag's contact is linear, 1 N/mm. A surface of that stiffness fits it, one of twice that does not."""
-    bag, apart = pressed(tmp_path / "press"), []
+def test_bag_fidelity_of_emulated_contact(tmp_path: Path) -> None:
+    """The bag's contact is linear, 1 N/mm. A surface of that stiffness matches it, one of twice that does not."""
+    bag, differences = pressed(tmp_path / "press"), []
     for stiffness in (1000.0, 2000.0):
         cell = tmp_path / "cell.toml"
         cell.write_text(f"[cell.surface]\nstiffness_n_m = {stiffness}\ndamping_ns_m = 0.0\n")
-        done = run(
+        result = run(
             "identify", "fidelity", bag, "--as", "contact", "--config", cell, "--axis", "base:-z", "--json"
         )
-        assert done.exit_code == 0, done.output
-        (line,) = json.loads(done.stdout)["lines"]
+        assert result.exit_code == 0, result.output
+        (line,) = json.loads(result.stdout)["lines"]
         assert line["output"] == "press"
-        apart.append(line["apart_rms"])
-    assert apart[0] < 1e-3
-    assert apart[1] > 1.0
+        differences.append(line["apart_rms"])
+    assert differences[0] < 1e-3
+    assert differences[1] > 1.0
     refusal = run("identify", "fidelity", bag, "--as", "contact", "--columns", cell).exception
     assert "is a ROS 2 bag; give --topic instead of --columns" in str(refusal)
 
 
-def test_options_of_a_bag_are_checked(tmp_path: Path) -> None:
+def test_bag_options_are_validated(tmp_path: Path) -> None:
     bag = pressed(tmp_path / "press")
-    for options, words in (
+    for options, text in (
         (("--topic", "/ft"), "'/ft' must be ROLE=TOPIC"),
         (("--topic", "force=/ft"), "topics has no role 'force'; known: wrench, pose, target"),
         (("--axis", "up"), "axis 'up' must be tool or base"),
         (("--sign", "3"), "--sign"),
     ):
-        done = run("report", bag, "-o", tmp_path / "out", *options)
-        assert done.exit_code != 0
-        assert words in f"{done.output}{done.exception}"
+        result = run("report", bag, "-o", tmp_path / "out", *options)
+        assert result.exit_code != 0
+        assert text in f"{result.output}{result.exception}"
     assert not (tmp_path / "out").exists()
 
 
-def test_other_commands_name_those_that_read_a_bag(tmp_path: Path) -> None:
+def test_other_commands_list_commands_that_read_bags(tmp_path: Path) -> None:
     bag = pressed(tmp_path / "press")
     readers = "`hil-bridge report`, `view`, `compare` and `identify fidelity` read a bag"
     for command in ("why", "replay", "export"):
-        for path, words in (
-            (bag / "press.mcap", "is a bag of ROS 2 and no recording of a run"),
-            (bag, "is a folder, and no recording of a run"),
+        for path, text in (
+            (bag / "press.mcap", "is a ROS 2 bag, not a recording of a run"),
+            (bag, "is a folder, not a recording of a run"),
         ):
-            done = run(command, path)
-            assert isinstance(done.exception, ConfigError)
-            assert str(done.exception).endswith(f"{path} {words}; {readers}")
+            result = run(command, path)
+            assert isinstance(result.exception, ConfigError)
+            assert str(result.exception).endswith(f"{path} {text}; {readers}")
 
 
-def test_folder_without_a_bag_is_named_without_rosbags(
+def test_folder_without_bag_is_refused_without_rosbags(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    assert "is no bag of ROS 2: no file in it ends in" in refused(tmp_path)
+    assert "is not a ROS 2 bag: no file in it ends in" in refusal_of(tmp_path)
 
 
-def test_without_rosbags_a_bag_is_refused_by_its_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bag_without_rosbags_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = pressed(tmp_path / "press")
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    assert refused(bag) == f"a bag of ROS 2 needs the package rosbags; {install_command('ros')}"
+    assert refusal_of(bag) == f"a ROS 2 bag needs the package rosbags; {install_command('ros')}"
 
 
-def test_a_notebook_shows_a_bag(tmp_path: Path) -> None:
+def test_notebook_displays_bag(tmp_path: Path) -> None:
     recording = hil_bridge.read(pressed(tmp_path / "press"))
     assert repr(recording) == "<Recording: the bag press; 200 samples>"
-    shown = recording._repr_html_()
-    assert "<b>press</b>" in shown
-    assert "mean contact force" in shown
-    assert "<svg" in shown
+    output = recording._repr_html_()
+    assert "<b>press</b>" in output
+    assert "mean contact force" in output
+    assert "<svg" in output

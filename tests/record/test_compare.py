@@ -1,4 +1,4 @@
-"""Runs laid over each other on one page."""
+"""Comparison of runs on one page."""
 
 import json
 import math
@@ -17,7 +17,7 @@ EVIL = "</script><script>alert(1)</script>"
 
 
 def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
-    """A hundred cycles of 0.1 s; the first `touch` of them approach."""
+    """Return a run of a hundred cycles of 0.1 s; the first `touch` of them approach."""
     cycles = tuple(
         cycle_of(
             cycle=k,
@@ -41,29 +41,29 @@ def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
     return Recording(cycles, events=events, metadata={"controller": "pi", "config": json.dumps(settings)})
 
 
-def test_two_runs_lie_over_each_other_from_the_touch() -> None:
+def test_compare_aligns_runs_at_contact() -> None:
     first = run(9.0, 20, {"limits": {"force_limit_n": 50.0}, "run": {"seed": 1}})
     second = run(12.0, 40, {"limits": {"force_limit_n": 50.0}, "run": {"seed": 2}, "more": EVIL})
     page = compare_page({"a": first, EVIL: second})
     assert page.count("<script") == 2
     (text,) = re.findall(r'id="data-runs">(.*?)</script>', page, re.DOTALL)
-    told = json.loads(text)
-    for place, (recording, force, touch) in enumerate(((first, 9.0, 20), (second, 12.0, 40))):
-        source = told["sources"][f"run{place}"]
+    reported = json.loads(text)
+    for index, (recording, force, touch) in enumerate(((first, 9.0, 20), (second, 12.0, 40))):
+        source = reported["sources"][f"run{index}"]
         assert source["x"] == pytest.approx([0.1 * (k - touch) + 0.05 for k in range(100)], abs=1e-5)
         assert source["force"] == [cycle.force for cycle in recording.cycles]
         assert max(source["force"]) == force
         assert set(source["lateral"]) == {5.0}
-    assert [series["label"] for series in told["charts"][0]["series"]] == ["a", EVIL]
-    assert [mark["text"] for mark in told["marks"]] == [f"{EVIL}: stop: {EVIL}"]
-    assert told["charts"][0]["limits"] == [
+    assert [series["label"] for series in reported["charts"][0]["series"]] == ["a", EVIL]
+    assert [mark["text"] for mark in reported["marks"]] == [f"{EVIL}: stop: {EVIL}"]
+    assert reported["charts"][0]["limits"] == [
         {"value": 10.0, "label": "target", "kind": "target", "shown": True},
         {"value": 50.0, "label": "force limit"},
     ]
     rows = re.findall(
         r"<tr><td>([\w.]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("Settings")[2]
     )
-    assert [row[0] for row in rows] == ["more", "run.seed"], "what is the same is left out"
+    assert [row[0] for row in rows] == ["more", "run.seed"], "equal values are omitted"
     assert rows[1][1:] == ("1", "2")
     from_begin = json.loads(
         re.findall(
@@ -73,7 +73,7 @@ def test_two_runs_lie_over_each_other_from_the_touch() -> None:
     assert from_begin["sources"]["run1"]["x"][0] == pytest.approx(0.05)
 
 
-def test_names_are_as_short_as_tells_them_apart() -> None:
+def test_compare_names_are_short_and_unique() -> None:
     assert names_of([Path("x/a.mcap"), Path("x/b.mcap")]) == ["a", "b"]
     assert names_of([Path("x/run.mcap"), Path("y/run.mcap")]) == ["x/run", "y/run"]
     with pytest.raises(ConfigError, match="the same file twice"):

@@ -1,4 +1,4 @@
-"""Files that would never end or never begin, or that unpack to more than anything holds: one line, within seconds."""
+"""Files that never end, never begin, or unpack to an excessive size are refused in one line within seconds."""
 
 import os
 import sqlite3
@@ -26,7 +26,7 @@ from hil_bridge.site.traffic import is_recording
 from protocol.devices.s3.arap import KNOWN
 
 SOON_S = 20.0
-"""A hostile file is refused within this time, also on a busy machine."""
+"""Longest time for refusing a hostile file, also on a busy machine."""
 READERS: dict[str, Callable[[Path], object]] = {
     "text": read_text,
     "configuration": lambda path: load_config(path, {}),
@@ -37,8 +37,8 @@ READERS: dict[str, Callable[[Path], object]] = {
 }
 
 
-def refused(act: Callable[[], object]) -> str:
-    """The one line of what refuses it, soon."""
+def refusal_of(act: Callable[[], object]) -> str:
+    """Return the single line of the refusal, which must come soon."""
     began = time.monotonic()
     with pytest.raises(ConfigError) as caught:
         act()
@@ -50,19 +50,19 @@ def refused(act: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_a_pipe_is_refused(tmp_path: Path, name: str) -> None:
+def test_pipe_as_text_file_is_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / "7.prg"
     os.mkfifo(path)
-    assert "7.prg" in refused(lambda: READERS[name](path))
+    assert "7.prg" in refusal_of(lambda: READERS[name](path))
 
 
 @pytest.mark.parametrize("name", [name for name in READERS if name != "program"])
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/full", "/dev/null"])
-def test_a_device_is_refused(name: str, device: str) -> None:
-    assert device in refused(lambda: READERS[name](Path(device)))
+def test_device_as_text_file_is_refused(name: str, device: str) -> None:
+    assert device in refusal_of(lambda: READERS[name](Path(device)))
 
 
-def test_a_pipe_is_no_recording(tmp_path: Path) -> None:
+def test_pipe_as_recording_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "p")
     assert not is_recording(tmp_path / "p")
     assert not is_recording(Path("/dev/zero"))
@@ -83,7 +83,7 @@ SLOW = {
 
 @pytest.mark.full
 @pytest.mark.parametrize("text", SLOW.values(), ids=SLOW)
-def test_a_toml_text_of_the_largest_size_takes_no_long(text: str) -> None:
+def test_largest_toml_text_is_parsed_quickly(text: str) -> None:
     assert len(text) <= TOML_LIMIT_BYTES
     began = time.monotonic()
     with suppress(ConfigError):
@@ -91,8 +91,8 @@ def test_a_toml_text_of_the_largest_size_takes_no_long(text: str) -> None:
     assert time.monotonic() - began < SOON_S
 
 
-def test_a_key_of_too_many_parts_is_refused_and_no_list_of_numbers() -> None:
-    assert "more than 32 deep" in refused(lambda: parse_toml(f"{'.'.join('a' * 33)} = 1", "h.toml"))
+def test_toml_key_with_too_many_parts_is_refused() -> None:
+    assert "more than 32 levels deep" in refusal_of(lambda: parse_toml(f"{'.'.join('a' * 33)} = 1", "h.toml"))
     numbers = ", ".join(f"{k}.5" for k in range(2000))
     assert len(parse_toml(f"x = [{numbers}]", "h.toml")["x"]) == 2000
 
@@ -106,7 +106,7 @@ def text_of(value: str) -> bytes:
 
 
 def chunk(data: bytes) -> bytes:
-    """A chunk that holds these records, packed."""
+    """Return a chunk with these records, compressed."""
     packed = zstandard.ZstdCompressor().compress(data)
     head = struct.pack("<QQQI", 0, 0, len(data), zlib.crc32(data))
     return record(6, head + text_of("zstd") + struct.pack("<Q", len(packed)) + packed)
@@ -116,7 +116,7 @@ HEADER = b"\x89MCAP0\r\n" + record(1, text_of("") + text_of(""))
 
 
 @pytest.mark.parametrize("packed", [False, True], ids=["plain", "packed"])
-def test_a_recording_of_endless_records_is_refused(
+def test_recording_with_endless_records_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packed: bool
 ) -> None:
     monkeypatch.setattr(mcap_file, "RECORD_LIMIT", 100_000)
@@ -126,16 +126,16 @@ def test_a_recording_of_endless_records_is_refused(
     inside += message * 60_000
     body = chunk(inside) * 3 if packed else inside + message * 60_000
     (tmp_path / "r.mcap").write_bytes(HEADER + body)
-    assert "records, but at most" in refused(lambda: read(tmp_path / "r.mcap"))
+    assert "records, but at most" in refusal_of(lambda: read(tmp_path / "r.mcap"))
 
 
-def test_a_recording_of_empty_records_alone_ends_soon(tmp_path: Path) -> None:
+def test_recording_of_empty_records_ends_quickly(tmp_path: Path) -> None:
     (tmp_path / "r.mcap").write_bytes(HEADER + chunk(bytes(9) * 1_800_000) * 8)
-    assert "ends or is damaged before the first event" in refused(lambda: read(tmp_path / "r.mcap"))
+    assert "ends or is damaged before the first event" in refusal_of(lambda: read(tmp_path / "r.mcap"))
 
 
 def results(path: Path, *statements: str) -> Path:
-    """A file of results that another program has made."""
+    """Return a results file made by another program."""
     with sqlite3.connect(path) as connection:
         connection.execute("CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL)")
         connection.execute("INSERT INTO facts VALUES ('format', ?)", (FORMAT,))
@@ -157,40 +157,38 @@ ENDLESS = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELEC
     ],
     ids=["view", "made-column", "trigger"],
 )
-def test_results_that_compute_by_themselves_are_refused(tmp_path: Path, statement: str) -> None:
+def test_results_with_computed_columns_are_refused(tmp_path: Path, statement: str) -> None:
     path = results(tmp_path / "r.sqlite", statement)
-    assert "is not a results file" in refused(lambda: Store.open(path))
+    assert "is not a results file" in refusal_of(lambda: Store.open(path))
 
 
-def test_a_view_in_place_of_the_facts_is_refused(tmp_path: Path) -> None:
+def test_results_with_view_instead_of_table_are_refused(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "r.sqlite") as connection:
         connection.execute(f"CREATE VIEW facts(name, value) AS SELECT x, x FROM ({ENDLESS})")
     connection.close()
-    assert "is not a results file of a campaign" in refused(lambda: Store.open(tmp_path / "r.sqlite"))
+    assert "is not a results file of a campaign" in refusal_of(lambda: Store.open(tmp_path / "r.sqlite"))
 
 
-def test_a_giant_text_in_results_is_refused(tmp_path: Path) -> None:
+def test_results_with_giant_text_are_refused(tmp_path: Path) -> None:
     path = results(tmp_path / "r.sqlite", "INSERT INTO facts VALUES ('seeds', printf('%.*c', 20000000, 'x'))")
 
     def seeds() -> Any:
         with Store.open(path) as store:
             return store.seeds()
 
-    assert "too big" in refused(seeds)
+    assert "too big" in refusal_of(seeds)
 
 
-def test_results_that_another_program_holds_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_locked_by_other_program_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.lab.campaign.store.READ_BUSY_S", 0.2)
     path = results(tmp_path / "r.sqlite")
     holder = sqlite3.connect(path)
     holder.execute("BEGIN EXCLUSIVE")
-    assert "r.sqlite" in refused(lambda: Store.open(path))
+    assert "r.sqlite" in refusal_of(lambda: Store.open(path))
     holder.close()
 
 
-def test_why_tells_no_character_that_acts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_why_escapes_terminal_control_characters(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.record.read_with_traffic", lambda path: (None, None))
     monkeypatch.setattr(
         "hil_bridge.record.analysis.why.why", lambda record, file: "cause: \x1b[2J\x07gone\nthen \u202e"

@@ -1,4 +1,4 @@
-"""Files of this trade at readers of other files: one line that says what each is, and where it goes."""
+"""Known files passed to the wrong reader: one line names the kind of file and the command that reads it."""
 
 import codecs
 import os
@@ -65,7 +65,7 @@ FILES: dict[str, tuple[bytes, str, str]] = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_known_file_is_named_by_each_reader(tmp_path: Path, name: str) -> None:
+def test_readers_identify_known_file_kinds(tmp_path: Path, name: str) -> None:
     content, what, advice = FILES[name]
     file, mapping = tmp_path / name, tmp_path / "map.toml"
     file.write_bytes(content)
@@ -88,14 +88,14 @@ def test_known_file_is_named_by_each_reader(tmp_path: Path, name: str) -> None:
         assert f"{name} is {what}" in str(error)
 
 
-def test_text_in_utf_16_is_known_too(tmp_path: Path) -> None:
+def test_utf_16_text_is_identified(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text('<robot name="ur5">', encoding="utf-16")
     with pytest.raises(ConfigError, match="is a robot description"):
         load_config(file, {})
 
 
-def test_recording_as_a_configuration_is_named(tmp_path: Path) -> None:
+def test_recording_used_as_configuration_is_identified(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", stream())
     for arguments in (["run", str(path)], ["list", "facts", str(path)], ["doctor", str(path)]):
         error = CliRunner().invoke(cli, arguments).exception
@@ -103,14 +103,14 @@ def test_recording_as_a_configuration_is_named(tmp_path: Path) -> None:
         assert "run.mcap is a recording of a run; `hil-bridge view`" in str(error)
 
 
-def test_large_recording_as_a_configuration_is_named(tmp_path: Path) -> None:
+def test_large_recording_as_configuration_is_identified(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", stream())
     os.truncate(path, 1 << 30)
     with pytest.raises(ConfigError, match=r"run\.mcap is a recording of a run"):
         load_config(path, {})
 
 
-def test_results_as_a_recording_are_named(tmp_path: Path) -> None:
+def test_results_used_as_recording_are_identified(tmp_path: Path) -> None:
     path = tmp_path / "results.mcap"
     with sqlite3.connect(path) as results:
         results.execute("create table a (b)")
@@ -137,7 +137,7 @@ def test_results_as_a_recording_are_named(tmp_path: Path) -> None:
         b"(" * HEAD_BYTES,
     ],
 )
-def test_other_file_is_not_taken_for_a_known_one(head: bytes) -> None:
+def test_unknown_file_is_not_misidentified(head: bytes) -> None:
     assert describe_content(head) == ""
 
 
@@ -152,16 +152,16 @@ TABLES = [
 
 @pytest.mark.parametrize("content", TABLES)
 @pytest.mark.parametrize("command", ["run", "report", "view", "why", "identify cell", "doctor"])
-def test_table_at_another_reader_is_named(tmp_path: Path, command: str, content: bytes) -> None:
+def test_table_passed_to_other_reader_is_identified(tmp_path: Path, command: str, content: bytes) -> None:
     file = tmp_path / "force.csv"
     file.write_bytes(content)
     error = CliRunner().invoke(cli, [*command.split(), str(file)]).exception
     assert isinstance(error, ConfigError)
-    assert "force.csv is a table of text; `hil-bridge identify fidelity` and `identify cell`" in str(error)
+    assert "force.csv is a text table; `hil-bridge identify fidelity` and `identify cell`" in str(error)
 
 
 @pytest.mark.parametrize("command", ["report", "view", "why"])
-def test_configuration_as_a_recording_is_named(tmp_path: Path, command: str) -> None:
+def test_configuration_used_as_recording_is_identified(tmp_path: Path, command: str) -> None:
     file = tmp_path / "cell.toml"
     file.write_text("[run]\nseed = 1\n")
     error = CliRunner().invoke(cli, [command, str(file)]).exception
@@ -179,5 +179,5 @@ def test_configuration_as_a_recording_is_named(tmp_path: Path, command: str) -> 
         b"\n" * HEAD_BYTES,
     ],
 )
-def test_text_that_assigns_is_not_taken_for_a_table(head: bytes) -> None:
+def test_text_with_assignment_is_not_a_table(head: bytes) -> None:
     refuse_table("file", head)

@@ -1,4 +1,4 @@
-"""The latency of a run, hop by hop; the earliest arrival of its frames, and the stamps of an order."""
+"""Latency of a run, hop by hop; earliest arrivals of its frames, and time stamps of an order."""
 
 import itertools
 import json
@@ -43,14 +43,14 @@ HOP_MS = {
 }
 
 
-def medians(found: Any) -> dict[str, float]:
-    return {part.hop.name: part.times.p50_s * 1e3 for part in found.chain}
+def medians(result: Any) -> dict[str, float]:
+    return {part.hop.name: part.times.p50_s * 1e3 for part in result.chain}
 
 
 # --- the hops
 
 
-def test_every_hop_is_a_row_of_one_table() -> None:
+def test_latency_table_has_every_hop() -> None:
     robot = robot_hops(LinkProfile())
     hops = {SENSOR, JITTER, *MIDDLE, *robot.to_answer, *robot.beside, *itertools.chain(*robot.to_motion)}
     assert len({hop.name for hop in hops}) == len(hops)
@@ -60,56 +60,56 @@ def test_every_hop_is_a_row_of_one_table() -> None:
     assert {name for hop in hops for name in (hop.begin, hop.end)} <= known | derived
 
 
-def test_with_the_truth_the_chain_goes_from_sample_to_motion() -> None:
-    found = latency_of(recording(CYCLES, truths=TRUTHS))
-    assert found is not None
-    assert medians(found) == pytest.approx({"sensor": 1, **HOP_MS, "interpolation": 18})
-    assert [part.hop.name for part in found.beside] == [
+def test_latency_chain_with_truth_ends_at_motion() -> None:
+    result = latency_of(recording(CYCLES, truths=TRUTHS))
+    assert result is not None
+    assert medians(result) == pytest.approx({"sensor": 1, **HOP_MS, "interpolation": 18})
+    assert [part.hop.name for part in result.beside] == [
         "status_line",
         "status_turnaround",
         "status_answer",
         "answer",
     ]
-    beside = [part.times.p50_s for part in found.beside]
-    assert beside == pytest.approx([0.020, 0.010, STATUS_ANSWER, MOVE_ANSWER])
-    assert found.total.p50_s * 1e3 == pytest.approx(1 + sum(HOP_MS.values()) + 18)
-    assert found.sentence == (
+    medians_s = [part.times.p50_s for part in result.beside]
+    assert medians_s == pytest.approx([0.020, 0.010, STATUS_ANSWER, MOVE_ANSWER])
+    assert result.total.p50_s * 1e3 == pytest.approx(1 + sum(HOP_MS.values()) + 18)
+    assert result.sentence == (
         "sample to motion 118 ms p50, 118 ms p99; largest: line time of the move (70 ms, 59 %)"
     )
-    assert [(constant.words, round(constant.seconds * 1e3)) for constant in found.constants] == [
+    assert [(constant.words, round(constant.seconds * 1e3)) for constant in result.constants] == [
         ("the sensor's filter", 16),
         ("the servo's response", 50),
     ]
 
 
 @pytest.mark.parametrize("truths", [(), TRUTHS])
-def test_each_hop_begins_where_the_one_before_it_ends(truths: tuple[TruthRecord, ...]) -> None:
-    found = latency_of(recording(CYCLES, truths=truths))
-    assert found is not None
-    assert all(a.hop.end == b.hop.begin for a, b in itertools.pairwise(found.chain))
+def test_latency_hops_are_contiguous(truths: tuple[TruthRecord, ...]) -> None:
+    result = latency_of(recording(CYCLES, truths=truths))
+    assert result is not None
+    assert all(a.hop.end == b.hop.begin for a, b in itertools.pairwise(result.chain))
 
 
-def test_without_the_truth_the_chain_ends_with_the_answer() -> None:
-    """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: the 4 ms are not known."""
+def test_latency_chain_without_truth_ends_at_response() -> None:
+    """Frames arrive at least 4 ms after their time, every fourth one 2 ms later; the 4 ms are unknown."""
     frames = tuple(SensorRecord(of.sample.sensor_at, of.sample.sensor_sequence, (0,) * 6) for of in CYCLES)
     late = tuple(structs.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
     cycles = tuple(
         structs.replace(c, sample=structs.replace(c.sample, sensor_at=f.at))
         for c, f in zip(CYCLES, late, strict=True)
     )
-    found = latency_of(recording(cycles, sensors=late))
-    assert found is not None
-    assert found.name == "sample's earliest arrival to answer"
-    jitter = found.chain[0]
+    result = latency_of(recording(cycles, sensors=late))
+    assert result is not None
+    assert result.name == "sample's earliest arrival to answer"
+    jitter = result.chain[0]
     assert (jitter.hop.name, jitter.hop.words) == (
         "sensor_jitter",
         "sensor frame's delay above the smallest one",
     )
     assert jitter.times.p50_s == pytest.approx(0.0, abs=1e-9)
     assert jitter.times.p90_s == pytest.approx(0.002)
-    assert found.chain[-1].hop.name == "answer"
-    assert found.chain[-1].times.p50_s == pytest.approx(MOVE_ANSWER)
-    assert [constant.words for constant in found.constants] == [
+    assert result.chain[-1].hop.name == "answer"
+    assert result.chain[-1].times.p50_s == pytest.approx(MOVE_ANSWER)
+    assert [constant.words for constant in result.constants] == [
         "the sensor's filter",
         "the wait for the robot's interpolator",
         "the servo's transport delay",
@@ -117,59 +117,61 @@ def test_without_the_truth_the_chain_ends_with_the_answer() -> None:
     ]
 
 
-def test_without_frames_the_chain_begins_with_the_arrival() -> None:
-    found = latency_of(recording(CYCLES))
-    assert found is not None
-    assert found.name == "sample's arrival to answer"
-    assert medians(found) == pytest.approx({**HOP_MS, "answer": MOVE_ANSWER * 1e3})
+def test_latency_chain_without_frames_begins_at_arrival() -> None:
+    result = latency_of(recording(CYCLES))
+    assert result is not None
+    assert result.name == "sample's arrival to answer"
+    assert medians(result) == pytest.approx({**HOP_MS, "answer": MOVE_ANSWER * 1e3})
 
 
-def test_an_answer_that_waits_for_the_motion_is_no_turnaround() -> None:
+def test_latency_response_after_motion_is_no_turnaround() -> None:
     truths = tuple(truth(of, motion=0.005) for of in CYCLES)
-    found = latency_of(recording(CYCLES, truths=truths))
-    assert found is not None
-    assert found.chain[-1].hop.name == "robot"
-    assert medians(found)["robot"] == pytest.approx(5)
+    result = latency_of(recording(CYCLES, truths=truths))
+    assert result is not None
+    assert result.chain[-1].hop.name == "robot"
+    assert medians(result)["robot"] == pytest.approx(5)
 
 
-def test_percentiles_are_those_of_the_cycles() -> None:
+def test_latency_percentiles_match_cycles() -> None:
     cycles = tuple(cycle(k, 50.0 + k, transmitted_at=50.0 + k + 0.120 + k * 1e-3) for k in range(101))
-    found = latency_of(recording(cycles))
-    assert found is not None
-    line = next(part for part in found.chain if part.hop.name == "line")
+    result = latency_of(recording(cycles))
+    assert result is not None
+    line = next(part for part in result.chain if part.hop.name == "line")
     first = cycles[0].transmitted_at - cycles[0].sent_at
-    shown = line.times.as_ms()
-    wanted = {name: (first + k * 1e-3) * 1e3 for name, k in (("p50_ms", 50), ("p90_ms", 90), ("p99_ms", 99))}
-    assert shown == pytest.approx({**wanted, "max_ms": (first + 0.1) * 1e3}, abs=1e-5)
+    output = line.times.as_ms()
+    expected = {
+        name: (first + k * 1e-3) * 1e3 for name, k in (("p50_ms", 50), ("p90_ms", 90), ("p99_ms", 99))
+    }
+    assert output == pytest.approx({**expected, "max_ms": (first + 0.1) * 1e3}, abs=1e-5)
 
 
-def test_the_line_is_taken_as_it_was_and_not_as_configured() -> None:
-    """A URL set 19200 baud: the facts of the robot say so."""
-    for told, share in ((recording(CYCLES), 1.0), (recording(CYCLES, 19200), 0.5)):
-        hops = devices_of(told).robot.hops
+def test_latency_uses_recorded_line_rate() -> None:
+    """A URL sets 19200 baud, so the robot's facts contain it."""
+    for measured, share in ((recording(CYCLES), 1.0), (recording(CYCLES, 19200), 0.5)):
+        hops = devices_of(measured).robot.hops
         assert hops is not None
         earlier = {moment.name: moment.earlier_s for moment in hops.moments}
-        wanted = {"status_replied_at": STATUS_ANSWER * share, "replied_at": MOVE_ANSWER * share}
-        assert earlier == pytest.approx(wanted)
+        expected = {"status_replied_at": STATUS_ANSWER * share, "replied_at": MOVE_ANSWER * share}
+        assert earlier == pytest.approx(expected)
 
 
-def test_a_recording_divides_a_cycle_as_the_robot_does() -> None:
+def test_latency_hops_follow_robot_facts() -> None:
     assert devices_of(recording(CYCLES)).robot.hops == robot_hops(LinkProfile())
 
 
-def test_hops_of_another_robot_are_told_as_they_are() -> None:
-    """One that says when it took the order, and nothing of a motion."""
-    taken = Hop("taken", "sent_at", "answered_at", Owner.ROBOT, "robot's answer")
-    found = latency_budget(CYCLES, RobotHops((taken,)))
-    assert found is not None
-    assert found.name == "sample's arrival to answer"
-    assert [part.hop.name for part in found.chain] == [*(hop.name for hop in MIDDLE), "taken"]
-    assert found.beside == ()
+def test_latency_hops_of_other_robot_are_unchanged() -> None:
+    """A robot that reports when it accepted the order, but no motion."""
+    accepted = Hop("taken", "sent_at", "answered_at", Owner.ROBOT, "robot's answer")
+    result = latency_budget(CYCLES, RobotHops((accepted,)))
+    assert result is not None
+    assert result.name == "sample's arrival to answer"
+    assert [part.hop.name for part in result.chain] == [*(hop.name for hop in MIDDLE), "taken"]
+    assert result.beside == ()
 
 
 @pytest.mark.parametrize("name", ["phase", "explanation", "of no cycle", "__class__"])
-def test_a_hop_between_moments_that_are_none_has_no_time(name: str) -> None:
-    """A recording's facts are not trusted."""
+def test_latency_hop_with_unknown_moments_has_no_time(name: str) -> None:
+    """The facts in a recording are not trusted."""
     assert latency_budget(CYCLES, RobotHops((Hop("odd", "sent_at", name, Owner.LINE, ""),))) is None
 
 
@@ -184,20 +186,20 @@ def test_a_hop_between_moments_that_are_none_has_no_time(name: str) -> None:
         recording(tuple(structs.replace(c, decoded_at=math.nan) for c in CYCLES)),
     ],
 )
-def test_what_was_not_stamped_has_no_latency(broken: Recording) -> None:
+def test_latency_without_time_stamps_is_none(broken: Recording) -> None:
     assert latency_of(broken) is None
     summary = summarise(broken)
     assert (summary.latency, summary.latency_largest, summary.latency_sentence) == ({}, "", "")
 
 
-def test_the_summary_tells_it() -> None:
-    told = json.loads(summarise(recording(CYCLES, truths=TRUTHS)).as_json())
-    assert told["latency"]["line"] == {"p50_ms": 70.0, "p90_ms": 70.0, "p99_ms": 70.0, "max_ms": 70.0}
-    assert told["latency"]["total"]["p50_ms"] == pytest.approx(118)
-    assert told["latency_largest"] == "line time of the move (70 ms, 59 %)"
+def test_summary_contains_latency() -> None:
+    measured = json.loads(summarise(recording(CYCLES, truths=TRUTHS)).as_json())
+    assert measured["latency"]["line"] == {"p50_ms": 70.0, "p90_ms": 70.0, "p99_ms": 70.0, "max_ms": 70.0}
+    assert measured["latency"]["total"]["p50_ms"] == pytest.approx(118)
+    assert measured["latency_largest"] == "line time of the move (70 ms, 59 %)"
 
 
-def test_the_report_shows_it(tmp_path: Path) -> None:
+def test_report_contains_latency(tmp_path: Path) -> None:
     recorded = recording(CYCLES, truths=TRUTHS)
     text = write_report(recorded, summarise(recorded), tmp_path).read_text()
     assert "Half of the cycles took 118 ms or less from sample to motion, 99 % at most 118 ms." in text
@@ -208,23 +210,23 @@ def test_the_report_shows_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("outlier_s", [0.0, 5.0])
-def test_the_figure_is_a_function_of_the_record(outlier_s: float) -> None:
+def test_latency_bar_is_deterministic(outlier_s: float) -> None:
     truths = (*TRUTHS[:-1], truth(CYCLES[-1], motion=0.03 + outlier_s))
-    found = latency_of(recording(CYCLES, truths=truths))
-    assert found is not None
-    drawn = latency_bar(found)
-    assert drawn == latency_bar(found)
-    widths = [float(width) for width in re.findall(r'<rect [^>]*width="([\d.]+)" height="44.0"', drawn)]
-    medians = [part.times.p50_s for part in found.chain]
+    result = latency_of(recording(CYCLES, truths=truths))
+    assert result is not None
+    bar = latency_bar(result)
+    assert bar == latency_bar(result)
+    widths = [float(width) for width in re.findall(r'<rect [^>]*width="([\d.]+)" height="44.0"', bar)]
+    medians = [part.times.p50_s for part in result.chain]
     assert max(widths) / sum(widths) == pytest.approx(max(medians) / sum(medians), abs=0.03)
-    sums = {owner.value: round(seconds * 1e3, 6) for owner, seconds in by_owner(found).items()}
+    sums = {owner.value: round(seconds * 1e3, 6) for owner, seconds in by_owner(result).items()}
     assert sums == {"bus": 1, "software": 14, "device": 3, "line": 70, "robot": 30}
 
 
 # --- the lower envelope
 
 
-def test_the_envelope_finds_offset_and_rate_below_the_jitter() -> None:
+def test_envelope_finds_offset_and_rate_below_jitter() -> None:
     source = random.Random(2)
     period, offset = 128.7e-6, 1000.0  # not quite the nominal rate
     jitter = [source.expovariate(300.0) for _ in range(3000)]
@@ -233,12 +235,14 @@ def test_the_envelope_finds_offset_and_rate_below_the_jitter() -> None:
     ]
     source.shuffle(frames)
     earliest = earliest_arrivals(frames)
-    away = [earliest[f.sequence] - (offset + f.sequence * period) for f in frames]
-    assert max(map(abs, away)) < 60e-6
-    assert min(f.at - earliest[f.sequence] for f in frames) > -1e-9, "nothing arrives before its earliest"
+    residuals = [earliest[f.sequence] - (offset + f.sequence * period) for f in frames]
+    assert max(map(abs, residuals)) < 60e-6
+    assert min(f.at - earliest[f.sequence] for f in frames) > -1e-9, (
+        "no frame arrives before its earliest time"
+    )
 
 
-def test_too_few_frames_have_no_envelope() -> None:
+def test_envelope_needs_enough_frames() -> None:
     one = SensorRecord(1.0, 5, (0,) * 6)
     assert earliest_arrivals([]) == {}
     assert earliest_arrivals([one]) == {}
@@ -249,33 +253,33 @@ def test_too_few_frames_have_no_envelope() -> None:
 # --- the stamps of an order
 
 
-def test_an_order_is_stamped_from_first_bid_to_last_character() -> None:
-    """The first bid is not heard."""
+def test_order_times_span_first_bid_to_last_character() -> None:
+    """The first bid is lost."""
     status = bytes.fromhex("10 02 00 20 00 00 13 02 00 00") + bytes(24)
     status += b"\x10\x03" + bytes([reduce(xor, status[2:], 3)])
     script = [b"", b"\x06", b"\x06", b"\x05", status, b"\x04"]
     sent: list[tuple[float, bytes]] = []
-    told: list[tuple[float, float]] = []
+    measured: list[tuple[float, float]] = []
 
     async def main() -> None:
         clock = Clock.running()
         peer = (await listen_bytes("memory:robot", clock)).transport
         answers = iter(script)
 
-        def heard(data: bytes) -> None:
+        def send_answer(data: bytes) -> None:
             sent.append((clock.now(), data))
             for _ in range(2 if data == b"\x04" else 1):
                 if answer := next(answers, b""):
                     peer.send(answer)
                     break
 
-        peer.start(heard, lambda cause: None)
+        peer.start(send_answer, lambda cause: None)
         robot = S3Link(await connect_bytes("memory:robot", clock), LinkProfile(), clock, NullLog())
         robot.start()
         try:
             assert math.isnan(robot.begun_at)
             await robot.read_status()
-            told.append((robot.begun_at, robot.transmitted_at))
+            measured.append((robot.begun_at, robot.transmitted_at))
         finally:
             await robot.aclose()
             await peer.aclose()
@@ -284,4 +288,4 @@ def test_an_order_is_stamped_from_first_bid_to_last_character() -> None:
     bids = [at for at, data in sent if data == b"\x05"]
     end = next(at for at, data in sent if data == b"\x04")
     assert len(bids) == 2
-    assert told == [(pytest.approx(bids[0]), pytest.approx(end + CHARACTER))]
+    assert measured == [(pytest.approx(bids[0]), pytest.approx(end + CHARACTER))]

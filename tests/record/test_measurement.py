@@ -1,4 +1,4 @@
-"""A recording as a measurement of ASAM, and a CAN log with its DBC file, opened by asammdf."""
+"""Recording as an ASAM measurement, and a CAN log with its DBC file, opened by asammdf."""
 
 import io
 import math
@@ -30,18 +30,18 @@ from tests.recordings import Recordings
 
 
 @pytest.fixture(scope="module")
-def made(recordings: Recordings, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording_path(recordings: Recordings, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("measurement") / "run.mcap"
     shutil.copy(recordings.path(WHOLE), path)
     export(path, ("mf4",), path.parent)
     return path
 
 
-def test_channels_are_those_of_the_recording(made: Path) -> None:
-    recording = read(made)
+def test_mdf_channels_match_recording(recording_path: Path) -> None:
+    recording = read(recording_path)
     facts = devices_of(recording).sensor.facts
     assert facts is not None
-    with MDF(made.with_suffix(".mf4")) as file:
+    with MDF(recording_path.with_suffix(".mf4")) as file:
         fz = file.get("sensor.wrench_fz")
         assert [*fz.timestamps] == [frame.at for frame in recording.sensors]
         assert [*fz.samples] == [wrench_of(frame.counts, facts.scales)[2] for frame in recording.sensors]
@@ -62,12 +62,12 @@ def test_channels_are_those_of_the_recording(made: Path) -> None:
         assert np.ptp(true.samples) > 1e-3
 
 
-def test_measurement_channels_have_names_and_units_of_the_table(made: Path) -> None:
-    recording = read(made)
+def test_mdf_channels_have_names_and_units_of_table(recording_path: Path) -> None:
+    recording = read(recording_path)
     columns = cycle_table(recording.cycles)
-    with MDF(made.with_suffix(".mf4")) as file:
-        held: Any = file.groups
-        (group,) = [group for group in held if group.channel_group.acq_name == "cycle"]
+    with MDF(recording_path.with_suffix(".mf4")) as file:
+        file_groups: Any = file.groups
+        (group,) = [group for group in file_groups if group.channel_group.acq_name == "cycle"]
         names = [one.name.removeprefix("cycle.") for one in group.channels]
         assert {one for one in names if not one.startswith(("time", "quaternion_commanded"))} <= set(columns)
         units = [file.get(f"cycle.wrench_{axis}").unit for axis in AXES]
@@ -78,11 +78,11 @@ def test_measurement_channels_have_names_and_units_of_the_table(made: Path) -> N
         assert file.get("truth.joints_deg_6").unit == "deg"
 
 
-def test_a_group_has_one_rate_and_the_file_a_start(made: Path) -> None:
-    recording = read(made)
-    with MDF(made.with_suffix(".mf4")) as file:
-        held: Any = file.groups
-        groups = {group.channel_group.acq_name: group.channel_group.cycles_nr for group in held}
+def test_mdf_group_has_one_rate_and_file_has_start(recording_path: Path) -> None:
+    recording = read(recording_path)
+    with MDF(recording_path.with_suffix(".mf4")) as file:
+        file_groups: Any = file.groups
+        groups = {group.channel_group.acq_name: group.channel_group.cycles_nr for group in file_groups}
         assert groups == {
             "sensor": len(recording.sensors),
             "cycle": len(recording.cycles),
@@ -92,48 +92,46 @@ def test_a_group_has_one_rate_and_the_file_a_start(made: Path) -> None:
         assert file.start_time.timestamp() == pytest.approx(recording.unix_zero_ns / 1e9, abs=1e-6)
 
 
-def test_events_are_in_the_table_of_the_file_and_a_group(made: Path) -> None:
-    events = sorted(read(made).events, key=lambda event: event.at)
-    with MDF(made.with_suffix(".mf4")) as file:
+def test_mdf_events_are_in_event_blocks_and_a_group(recording_path: Path) -> None:
+    events = sorted(read(recording_path).events, key=lambda event: event.at)
+    with MDF(recording_path.with_suffix(".mf4")) as file:
         inner: Any = file._mdf  # the table has no public name
-        found = inner.events
-        told = [(one.sync_base * one.sync_factor, one.name, one.comment) for one in found]
-        assert [(name, comment) for _, name, comment in told] == [(one.kind, one.text) for one in events]
-        assert [at for at, _, _ in told] == pytest.approx([one.at for one in events], abs=2e-9)
+        result = inner.events
+        reported = [(one.sync_base * one.sync_factor, one.name, one.comment) for one in result]
+        assert [(name, comment) for _, name, comment in reported] == [(one.kind, one.text) for one in events]
+        assert [at for at, _, _ in reported] == pytest.approx([one.at for one in events], abs=2e-9)
         kinds = file.get("event.kind")
         assert [bytes(kind).decode() for kind in kinds.samples] == [event.kind for event in events]
         assert [*kinds.timestamps] == [event.at for event in events]
 
 
 @pytest.mark.parametrize("zero_ns", [-1, 1 << 63])
-def test_a_time_that_a_measurement_cannot_hold_is_refused(made: Path, zero_ns: int) -> None:
-    with pytest.raises(ConfigError, match=r"^a measurement cannot hold its time"):
-        measurement(replace(read(made), unix_zero_ns=zero_ns))
+def test_mdf_out_of_range_time_is_refused(recording_path: Path, zero_ns: int) -> None:
+    with pytest.raises(ConfigError, match=r"^its time is out of range for MDF"):
+        measurement(replace(read(recording_path), unix_zero_ns=zero_ns))
 
 
-def test_events_without_a_time_are_left_out(made: Path) -> None:
-    recording = read(made)
+def test_mdf_events_without_time_are_omitted(recording_path: Path) -> None:
+    recording = read(recording_path)
     lost = [structs.replace(recording.events[0], at=at) for at in (math.nan, math.inf, 9.9e9)]
     data, _ = measurement(replace(recording, events=(*lost, *recording.events)))
-    path = made.with_name("lost.mf4")
+    path = recording_path.with_name("lost.mf4")
     path.write_bytes(data)
     with MDF(path) as file:
         assert len(file.get("event.kind")) == len(recording.events)
 
 
-def test_without_asammdf_a_measurement_is_refused_in_one_line(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_mdf_without_asammdf_is_refused_in_one_line(
+    recording_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
     with pytest.raises(
         ConfigError, match=re.escape(f"a measurement needs the package asammdf; {install_command('mdf')}")
     ):
-        export(made, ("mf4",), tmp_path)
+        export(recording_path, ("mf4",), tmp_path)
 
 
-def test_a_can_log_and_its_dbc_file_decode_alike_in_asammdf_and_cantools(
-    recordings: Recordings, tmp_path: Path
-) -> None:
+def test_can_log_decodes_alike_in_asammdf_and_cantools(recordings: Recordings, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     shutil.copy(recordings.path(WHOLE), path)
     export(path, ("blf", "dbc"), tmp_path)
@@ -154,8 +152,8 @@ def test_a_can_log_and_its_dbc_file_decode_alike_in_asammdf_and_cantools(
     assert [*fz.samples] == decoded
 
 
-def test_frame_that_is_not_known_is_a_channel_of_numbers(made: Path) -> None:
-    recording = read(made)
+def test_unknown_can_frame_is_numeric_channel(recording_path: Path) -> None:
+    recording = read(recording_path)
     unknown = structs.replace(recording.sensors[0], counts=(math.nan,) * 6)
     data, _ = measurement(replace(recording, sensors=(unknown, *recording.sensors[1:])))
     with MDF(io.BytesIO(data)) as file:
@@ -168,5 +166,5 @@ def test_frame_that_is_not_known_is_a_channel_of_numbers(made: Path) -> None:
     ("column", "unit"),
     [("sample_force", "N"), ("position_x", "m"), ("wrench_mx", "N·m"), ("started_at", "s"), ("phase", "")],
 )
-def test_column_has_the_unit_of_its_field(column: str, unit: str) -> None:
+def test_column_unit_matches_field(column: str, unit: str) -> None:
     assert unit_of(column) == unit

@@ -1,4 +1,4 @@
-"""Recordings: what was put is read back, also from a cut file; what a run puts there, and when it is written."""
+"""Recordings: round trips, also of a cut file; contents written by a run, and when they are written."""
 
 import errno
 import io
@@ -46,10 +46,10 @@ from tests.record.written_recordings import METADATA, cycle, stream, wall_ns, wr
 pytestmark = pytest.mark.sweep
 
 
-def test_what_was_put_is_read_back(tmp_path: Path) -> None:
+def test_recording_roundtrip(tmp_path: Path) -> None:
     records = stream()
     recording = read(write(tmp_path / "run.mcap", records, {"outcome": "completed"}))
-    # by their texts: a time that is not known is NaN, which from Python 3.13 on makes two records differ
+    # compared as text: an unknown time is NaN, and since Python 3.13 records with NaN differ
     assert [*map(repr, recording.cycles)] == [repr(r) for r in records if isinstance(r, CycleRecord)]
     assert [*recording.sensors] == [r for r in records if isinstance(r, SensorRecord)]
     assert [*recording.events] == [records[0]]
@@ -58,13 +58,13 @@ def test_what_was_put_is_read_back(tmp_path: Path) -> None:
     assert not recording.truncated
 
 
-def test_two_runs_of_one_input_give_the_same_bytes(tmp_path: Path) -> None:
+def test_recording_of_same_input_is_identical(tmp_path: Path) -> None:
     first = write(tmp_path / "a.mcap", stream()).read_bytes()
     assert write(tmp_path / "b.mcap", stream()).read_bytes() == first
     assert write(tmp_path / "c.mcap", stream(2.9)).read_bytes() != first
 
 
-def test_a_thread_writes_the_same_records(tmp_path: Path) -> None:
+def test_threaded_recorder_writes_same_records(tmp_path: Path) -> None:
     records = stream()
     recorder = Recorder(tmp_path / "run.mcap", wall_ns, METADATA, Writing(threaded=True))
     for record in records:
@@ -76,16 +76,14 @@ def test_a_thread_writes_the_same_records(tmp_path: Path) -> None:
     assert not any(thread.name == "recorder" for thread in threading.enumerate())
 
 
-def test_from_pause_to_pause_the_writer_lets_the_loop_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_writer_works_only_in_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 60.0)
     path, frames = tmp_path / "run.mcap", stream(0.1)[1:]
-    # every record at once to the disk, where it is seen
+    # every record is written to disk at once, where it is visible
     recorder = Recorder(path, wall_ns, {}, Writing(threaded=True, chunks=Chunks(seconds=0.0, size=1)))
 
     def grown(before: int, within_s: float) -> bool:
-        """Whether the file is larger than it was before, or grows so within this time."""
+        """Return whether the file is larger than before, or grows within this time."""
         ends = time.monotonic() + within_s
         while path.stat().st_size == before:
             if time.monotonic() > ends:
@@ -100,9 +98,9 @@ def test_from_pause_to_pause_the_writer_lets_the_loop_be(
     before = path.stat().st_size
     recorder.put(cycle(0, 100.0))
     put()
-    assert grown(before, 10.0), "a run that tells no pauses is written all the same"
-    recorder.pause(0.0)  # over before the writer has woken; from now on it waits for another
-    time.sleep(0.2)  # what had been put may be written in this time
+    assert grown(before, 10.0), "a run that reports no pauses is also written"
+    recorder.pause(0.0)  # over before the writer woke; it now waits for the next pause
+    time.sleep(0.2)  # queued records may be written in this time
     before = path.stat().st_size
     put()
     assert not grown(before, 0.4)
@@ -118,9 +116,7 @@ def test_from_pause_to_pause_the_writer_lets_the_loop_be(
 
 
 @pytest.mark.full
-def test_what_pauses_do_not_suffice_for_is_written_without_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_writer_works_without_sufficient_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 0.1)
     recorder = Recorder(tmp_path / "run.mcap", wall_ns, {}, Writing(threaded=True, queue_records=100))
     recorder.put(cycle(0, 100.0))
@@ -133,7 +129,7 @@ def test_what_pauses_do_not_suffice_for_is_written_without_them(
     assert [sensor.sequence for sensor in read(tmp_path / "run.mcap").sensors] == list(range(300))
 
 
-def test_half_a_character_is_written_out(tmp_path: Path) -> None:
+def test_lone_surrogate_is_recorded_escaped(tmp_path: Path) -> None:
     odd = EventRecord(math.nan, EventKind.PHASE, "no such file: caf\udce9")
     recording = read(
         write(
@@ -145,8 +141,8 @@ def test_half_a_character_is_written_out(tmp_path: Path) -> None:
     assert recording.cycles[0].explanation == {"\\udc80": 1.0}
 
 
-def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
-    """Through the library's own reader, as Foxglove does: index, summary, strict JSON, wall-clock times."""
+def test_mcap_reader_finds_topics_schemas_and_times(tmp_path: Path) -> None:
+    """Read by the library's own reader, as Foxglove does: index, summary, strict JSON, wall-clock times."""
     data = write(tmp_path / "run.mcap", [*stream(), cycle(99, 104.0, force=math.nan)]).read_bytes()
     reader = make_reader(io.BytesIO(data), validate_crcs=True)
     summary = reader.get_summary()
@@ -175,18 +171,18 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
     assert len(summary.chunk_indexes) >= 3  # one a second
 
 
-def test_numbers_that_json_lacks_come_back_as_nan(tmp_path: Path) -> None:
+def test_non_finite_numbers_are_read_back_as_nan(tmp_path: Path) -> None:
     wrench = (math.nan, math.inf, 0.0, 0.0, 0.0, 0.0)
     odd = cycle(0, 100.0, status_at=math.nan, wrench=wrench, stiffness=None)
-    (back,) = read(write(tmp_path / "run.mcap", [odd])).cycles
-    assert math.isnan(back.sample.now)
-    assert math.isnan(back.sample.wrench[0])
-    assert math.isnan(back.sample.wrench[1])
-    assert back.sample.wrench[2:] == (0.0, 0.0, 0.0, 0.0)
-    assert back.stiffness is None
+    (recorded,) = read(write(tmp_path / "run.mcap", [odd])).cycles
+    assert math.isnan(recorded.sample.now)
+    assert math.isnan(recorded.sample.wrench[0])
+    assert math.isnan(recorded.sample.wrench[1])
+    assert recorded.sample.wrench[2:] == (0.0, 0.0, 0.0, 0.0)
+    assert recorded.stiffness is None
 
 
-def test_a_record_without_a_time_gets_that_of_the_newest(tmp_path: Path) -> None:
+def test_record_without_time_gets_newest_time(tmp_path: Path) -> None:
     odd: list[Any] = [
         cycle(0, 100.0),
         EventRecord(math.nan, EventKind.PHASE, "track"),
@@ -196,7 +192,7 @@ def test_a_record_without_a_time_gets_that_of_the_newest(tmp_path: Path) -> None
     assert recording.events[0].at == recording.cycles[0].controlled_at == recording.cycles[1].controlled_at
 
 
-def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_queue_drops_and_counts_newest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "WAKE_SECONDS", 60.0)  # the writer sleeps: nothing is drained
     recorder = Recorder(tmp_path / "run.mcap", wall_ns, {}, Writing(threaded=True, queue_records=10))
     recorder.put(cycle(0, 100.0))
@@ -223,7 +219,7 @@ def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("threaded", [False, True])
-def test_a_full_disk_is_told_at_the_end_and_stops_nothing(tmp_path: Path, threaded: bool) -> None:
+def test_full_disk_is_reported_at_end_without_stopping(tmp_path: Path, threaded: bool) -> None:
     path = tmp_path / "run.mcap"
     recorder = Recorder(path, wall_ns, {}, Writing(threaded=threaded))
     full = OSError(errno.ENOSPC, "No space left on device")
@@ -237,13 +233,13 @@ def test_a_full_disk_is_told_at_the_end_and_stops_nothing(tmp_path: Path, thread
     assert recorder.dropped["/cycle"] >= 1
 
 
-def test_a_place_that_cannot_be_written_is_told_before_the_run(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"cannot write .*: there is no such folder"):
+def test_unwritable_path_is_refused_before_run(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot write .*: no such folder"):
         Recorder(tmp_path / "nowhere" / "run.mcap", wall_ns, {}, Writing(threaded=False))
 
 
-def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
-    """As a killed process leaves it: finished chunks are readable, the run counts as cut off."""
+def test_cut_file_yields_records_before_the_cut(tmp_path: Path) -> None:
+    """After a killed process, finished chunks are readable, and the run counts as cut off."""
     recorder = Recorder(tmp_path / "run.mcap", wall_ns, METADATA, Writing(threaded=False))
     for record in stream(10.0):
         recorder.put(record)
@@ -257,7 +253,7 @@ def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
     assert recording.cycles[-1].started_at > 107.0
 
 
-def test_chunks_of_a_virtual_run_have_one_size(tmp_path: Path) -> None:
+def test_virtual_run_chunks_have_one_size(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "virtual.mcap", wall_ns, {}, VIRTUAL)
     for k in range(10_000):
         recorder.put(SensorRecord(100.0 + 3.0 * k, k, (k, 0, -870, 0, 0, 0)))
@@ -271,55 +267,49 @@ def test_chunks_of_a_virtual_run_have_one_size(tmp_path: Path) -> None:
     assert all(VIRTUAL_CHUNKS.size < size < VIRTUAL_CHUNKS.size + 200 for size in full)
 
 
-def test_the_c_library_is_asked_for_buffers_with_pages_of_their_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[int, int]] = []
-    library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
+def test_map_buffers_sets_mmap_threshold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    requested: list[tuple[int, int]] = []
+    library = SimpleNamespace(mallopt=lambda *parameters: requested.append(parameters))
     monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: library)
     write(tmp_path / "run.mcap", stream(1.0))
-    assert asked == [], "a recording in a user's program sets nothing for the process"
+    assert requested == [], "a recording in a user's program changes no process settings"
     recorder_module.map_buffers()
-    assert asked == [(-3, 131_072)]  # M_MMAP_THRESHOLD of glibc
+    assert requested == [(-3, 131_072)]  # M_MMAP_THRESHOLD of glibc
 
 
-def test_our_own_program_asks_it_and_a_program_of_a_user_does_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[int, int]] = []
-    library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
+def test_map_buffers_is_called_by_own_program_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    requested: list[tuple[int, int]] = []
+    library = SimpleNamespace(mallopt=lambda *parameters: requested.append(parameters))
     monkeypatch.setattr(recorder_module, "ctypes", SimpleNamespace(CDLL=lambda name: library))
     config = read_config({"run": {"duration_s": 0.1}})
     api.simulate(config).save(tmp_path / "user.mcap")
-    assert asked == []
+    assert requested == []
     assert execute(config, True, Outputs(record=tmp_path / "ours.mcap"), view=False) == 0
-    assert asked == [(-3, 131_072)]
+    assert requested == [(-3, 131_072)]
 
 
-def test_a_c_library_without_the_setting_records_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recorder_works_without_mallopt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: object())
     recorder_module.map_buffers()
     assert read(write(tmp_path / "run.mcap", stream(1.0))).cycles
 
 
 @pytest.mark.full
-def test_every_cut_is_truncated_or_refused(tmp_path: Path) -> None:
+def test_recording_cut_anywhere_is_truncated_or_refused(tmp_path: Path) -> None:
     data = write(tmp_path / "run.mcap", stream(2.0)).read_bytes()
-    path, seen = tmp_path / "cut.mcap", set()
+    path, observed = tmp_path / "cut.mcap", set()
     for size in [*range(0, len(data), 97), len(data) - 1]:
         path.write_bytes(data[:size])
         try:
             assert read(path).truncated
-            seen.add("truncated")
+            observed.add("truncated")
         except ConfigError as error:
-            seen.add("refused" if str(path) in str(error) and "\n" not in str(error) else f"odd: {error}")
-    assert seen == {"truncated", "refused"}
+            observed.add("refused" if str(path) in str(error) and "\n" not in str(error) else f"odd: {error}")
+    assert observed == {"truncated", "refused"}
 
 
 @pytest.mark.parametrize("offset", [20, -20])  # in the compressed data; in the checksum before it
-def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path, offset: int) -> None:
+def test_garbage_in_file_keeps_records_before_it(tmp_path: Path, offset: int) -> None:
     data = bytearray(write(tmp_path / "run.mcap", stream(6.0)).read_bytes())
     third = [i for i in range(len(data)) if data[i : i + 4] == b"\x28\xb5\x2f\xfd"][2]  # zstd frames
     data[third + offset] ^= 0xFF
@@ -329,18 +319,18 @@ def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path, offset: in
     assert 100.9 < recording.cycles[-1].started_at < 102.1
 
 
-def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_controller_explanation_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
     step = Predictive.step
 
-    def talkative(self: Predictive, *given: Any) -> Any:
-        state, command = step(self, *given)
+    def talkative(self: Predictive, *arguments: Any) -> Any:
+        state, command = step(self, *arguments)
         return state, structs.replace(command, explanation={"why": "soft", "found": True})
 
     monkeypatch.setattr(Predictive, "step", talkative)
     cycles = simulate(read_config({"run": {"duration_s": 2.0}})).cycles
-    told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
-    assert told
-    assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)
+    reported = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
+    assert reported
+    assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in reported)
 
 
 @pytest.mark.parametrize(
@@ -351,13 +341,15 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
         ("jr3-board", r"0\.000000 tx [0-9a-f]+$"),
     ],
 )
-def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, first: str) -> None:
+def test_run_records_sensor_traffic(tmp_path: Path, emulated: str, first: str) -> None:
     path = tmp_path / "run.mcap"
     config = read_config({"run": {"duration_s": 1.0}, "sensor": {"emulated": emulated}})
     assert execute(config, True, Outputs(record=path), view=False) == 0
     with path.open("rb") as file:
-        told = [message for _, _, message in make_reader(file).iter_messages("/wire", log_time_order=False)]
-    records = [WIRE.decode(message.data) for message in told]
+        reported = [
+            message for _, _, message in make_reader(file).iter_messages("/wire", log_time_order=False)
+        ]
+    records = [WIRE.decode(message.data) for message in reported]
     assert all(isinstance(record, WireRecord) and record.device == "sensor" for record in records)
     pieces = [piece for record in records for piece in record.pieces]  # type: ignore[union-attr]
     assert re.match(first, pieces[0])
@@ -367,7 +359,7 @@ def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, fir
 
 
 @pytest.mark.parametrize("kind", ["jr3", "jr3-uart", "jr3-board"])
-def test_a_run_records_what_its_devices_are(tmp_path: Path, kind: str) -> None:
+def test_run_records_device_facts(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "run.mcap"
     config = read_config(
         {
@@ -378,8 +370,8 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, kind: str) -> None:
     )
     assert execute(config, True, Outputs(record=path), view=False) == 0
     recording = read(path)
-    told = devices_of(recording)
-    robot, sensor = told.robot, told.sensor
+    reported = devices_of(recording)
+    robot, sensor = reported.robot, reported.sensor
     assert (robot.kind, robot.emulated, robot.position_step_m) == ("s3", True, 0.25e-3)
     assert robot.servo is not None
     assert robot.servo.marks["interpolation_s"] == "assumed"
@@ -393,7 +385,7 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, kind: str) -> None:
     assert sensor.facts.period is not None
 
 
-def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
+def test_device_facts_are_written_before_end(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", wall_ns, METADATA, Writing(threaded=False))
     recorder.put(cycle(0, 100.0))
     recorder.devices({"robot": '{"position_step_m":0.00025}', "sensor": "{"})
@@ -409,5 +401,5 @@ def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", "[]", '{"position_step_m":0}', '{"servo":{"interpolation_s":-1}}', '{"kind":1}']
 )
-def test_facts_that_cannot_be_are_no_facts(text: str) -> None:
+def test_invalid_device_facts_are_ignored(text: str) -> None:
     assert devices_of(Recording((), devices={"robot": text})) == Devices()

@@ -1,4 +1,4 @@
-"""Files that are no recording, or hide too much: refused in one line, and in little memory."""
+"""Files that are not recordings, or hide excessive data, are refused in one line with little memory."""
 
 import json
 import struct
@@ -17,9 +17,9 @@ from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS
 from tests.record.written_recordings import cycle, stream, write
 
 
-def zstd_bomb(size: int, *, told: bool) -> bytes:
-    """Zeros, packed; `told`: the frame's header holds their number."""
-    packer = zstandard.ZstdCompressor(write_content_size=told).compressobj(size if told else -1)
+def zstd_bomb(size: int, *, has_size: bool) -> bytes:
+    """Return compressed zeros; with `has_size`, the frame's header states their number."""
+    packer = zstandard.ZstdCompressor(write_content_size=has_size).compressobj(size if has_size else -1)
     zeros = bytes(1 << 20)
     return b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
 
@@ -31,7 +31,7 @@ def lz4_bomb(size: int) -> bytes:
 
 
 def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
-    """A recording with one more chunk behind its last, and nothing after that."""
+    """Return a recording with one more chunk after its last, and nothing after that."""
     data, at = write(path, stream(1.0)).read_bytes(), 8
     while data[at] != 15:  # the record that ends the data
         at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
@@ -42,74 +42,72 @@ def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
 
 
 def peak_bytes(path: Path) -> tuple[str, int]:
-    """Result of reading, and the most memory that Python and the unpackers took for it."""
+    """Return the result of reading, and the peak memory of Python and the decompressors."""
     tracemalloc.start()
     try:
-        said = "truncated" if read(path).truncated else "whole"
+        outcome = "truncated" if read(path).truncated else "whole"
     except ConfigError as error:
-        said = str(error)
+        outcome = str(error)
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    return said, peak
+    return outcome, peak
 
 
 BOMB = 256 << 20
-"""Large enough that taking it is seen, small enough that a reader which does take it survives."""
+"""Large enough that reading it is noticed, small enough that a reader that does read it survives."""
 PACKERS = {
-    "zstd": lambda: zstd_bomb(BOMB, told=False),
-    "zstd whose header tells": lambda: zstd_bomb(BOMB, told=True),
+    "zstd": lambda: zstd_bomb(BOMB, has_size=False),
+    "zstd with size in header": lambda: zstd_bomb(BOMB, has_size=True),
     "lz4": lambda: lz4_bomb(BOMB),
 }
 
 
 @pytest.mark.parametrize("name", PACKERS)
 @pytest.mark.parametrize("claim", [BOMB, 1 << 40, 1 << 63])
-def test_a_chunk_that_claims_too_much_is_refused_while_packed(tmp_path: Path, name: str, claim: int) -> None:
+def test_chunk_stating_excessive_size_is_refused_unread(tmp_path: Path, name: str, claim: int) -> None:
     path = with_chunk(tmp_path / "bomb.mcap", claim, name.partition(" ")[0], PACKERS[name]())
-    said, peak = peak_bytes(path)
-    assert "bomb.mcap is refused: it says that it holds" in said
-    assert "\n" not in said
+    outcome, peak = peak_bytes(path)
+    assert "bomb.mcap is refused: it states" in outcome
+    assert "\n" not in outcome
     assert peak < BOMB / 4
 
 
 @pytest.mark.parametrize("name", PACKERS)
-def test_a_chunk_that_holds_more_than_it_claims_is_damage(tmp_path: Path, name: str) -> None:
+def test_chunk_larger_than_stated_is_damage(tmp_path: Path, name: str) -> None:
     path = with_chunk(tmp_path / "bomb.mcap", 1000, name.partition(" ")[0], PACKERS[name]())
-    said, peak = peak_bytes(path)
-    assert said == "truncated"
+    outcome, peak = peak_bytes(path)
+    assert outcome == "truncated"
     assert peak < BOMB / 4
 
 
-def test_many_chunks_of_ordinary_size_are_refused_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_ordinary_chunks_exceed_total_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
     monkeypatch.setattr(mcap_file, "UNPACKED_LIMIT_BYTES", 160_000)
     assert path.stat().st_size < 160_000
-    with pytest.raises(ConfigError, match=r"it holds [0-9]+ bytes unpacked, but at most 160000"):
+    with pytest.raises(ConfigError, match=r"it states [0-9]+ bytes unpacked, but at most 160000"):
         read(path)
 
 
-def test_a_file_that_hides_its_chunks_is_stopped_on_the_way(
+def test_file_hiding_its_chunks_is_stopped_while_reading(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
     monkeypatch.setattr(mcap_file, "UNPACKED_LIMIT_BYTES", 160_000)
-    monkeypatch.setattr(mcap_file, "_claims", lambda data: ())
+    monkeypatch.setattr(mcap_file, "_stated_sizes", lambda data: ())
     with pytest.raises(ConfigError, match=r"a chunk of [0-9]+ bytes unpacked"):
         read(path)
 
 
-def test_a_file_without_an_end_is_no_recording() -> None:
-    with pytest.raises(ConfigError, match="it is a device; name an ordinary file"):
+def test_file_without_end_is_refused() -> None:
+    with pytest.raises(ConfigError, match="it is a device, not a regular file"):
         read(Path("/dev/zero"))
-    with pytest.raises(ConfigError, match=r"a NUL stands in it$"):
+    with pytest.raises(ConfigError, match=r"its path contains a NUL$"):
         read(Path("a\0b"))
 
 
 @pytest.mark.parametrize("compression", ["lz4", ""])
-def test_chunks_packed_by_other_programs_are_read(tmp_path: Path, compression: str) -> None:
+def test_chunks_compressed_by_other_programs_are_read(tmp_path: Path, compression: str) -> None:
     plain = struct.pack("<BQHIQQ", 5, 24, 999, 0, 0, 0) + b"{}"
     packed = lz4.frame.compress(plain) if compression else plain
     path = with_chunk(tmp_path / "run.mcap", len(plain), compression, packed)
@@ -127,7 +125,7 @@ def test_chunks_packed_by_other_programs_are_read(tmp_path: Path, compression: s
         (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 1 << 62) + b"x" * 50, "is damaged before"),
     ],
 )
-def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, message: str) -> None:
+def test_non_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=message) as caught:
@@ -136,14 +134,12 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: by
     assert caught.value.exit_code == 2
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_missing_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="No such file"):
         read(tmp_path / "missing.mcap")
 
 
-def test_a_message_of_another_version_is_refused_by_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_message_of_other_version_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(type(CYCLE), "encode", lambda self, record: b'{"cycle":"one"}')
         write(tmp_path / "run.mcap", [cycle(0, 100.0)])
@@ -164,7 +160,7 @@ MESSAGES = st.fixed_dictionaries(
 
 @settings(max_examples=100)
 @given(st.binary(max_size=300) | MESSAGES)
-def test_an_arbitrary_message_is_a_record_or_a_value_error(data: bytes) -> None:
+def test_arbitrary_message_decodes_or_raises_value_error(data: bytes) -> None:
     for topic in TOPICS:
         try:
             record = topic.decode(data)
@@ -186,6 +182,6 @@ def test_an_arbitrary_message_is_a_record_or_a_value_error(data: bytes) -> None:
         b"[1,2]",
     ],
 )
-def test_wrong_columns_are_refused(message: bytes) -> None:
+def test_invalid_columns_are_refused(message: bytes) -> None:
     with pytest.raises(ValueError, match=r".+"):
         SENSOR.decode(message)

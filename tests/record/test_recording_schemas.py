@@ -1,4 +1,4 @@
-"""The messages of a recording: each fact once, each valid by its schema, for strict readers too."""
+"""Messages of a recording: each fact once, each valid by its schema, even for strict readers."""
 
 import json
 import math
@@ -27,14 +27,14 @@ from tests.record.written_recordings import cycle, wall_ns, write
 from tests.recordings import Recordings
 
 
-def test_cycle_is_read_back_with_its_whole_sample(recorded: Path) -> None:
+def test_cycle_roundtrip_keeps_complete_sample(recorded: Path) -> None:
     for record in read(recorded).cycles:
         message = json.loads(CYCLE.encode(record))
-        assert not message.keys() & message["sample"].keys() - {"force", "held"}, "no fact stands twice"
+        assert not message.keys() & message["sample"].keys() - {"force", "held"}, "each fact is recorded once"
         assert repr(CYCLE.decode(CYCLE.encode(record))) == repr(record)
 
 
-def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
+def test_schema_descriptions_match_field_docstrings() -> None:
     schema: Any = CYCLE.schema
     columns = schema["properties"]
     assert columns["correction"] == {
@@ -60,7 +60,7 @@ def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
     assert {"cycle", "phase", "controlled_at", "sample"} <= {*schema["required"]}
     assert not {"force", "stiffness", "asked"} & {*schema["required"]}
     sensor: Any = SENSOR.schema["properties"]
-    assert sensor["counts"]["items"] == {"type": "number"}  # a device may tell N
+    assert sensor["counts"]["items"] == {"type": "number"}  # a device may report N
     for topic in TOPICS:
         properties: Any = topic.schema["properties"]
         assert all(column["description"] for column in properties.values()), topic.name
@@ -70,7 +70,7 @@ def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
 
 
 def checked_messages(path: Path) -> tuple[dict[str, int], list[str]]:
-    """How many messages of each topic are valid by their own schema, and what is wrong with the others."""
+    """Return how many messages of each topic are valid by their own schema, and the errors of the others."""
     valid: Counter[str] = Counter()
     wrong = []
     validators: dict[int, Any] = {}
@@ -82,35 +82,40 @@ def checked_messages(path: Path) -> tuple[dict[str, int], list[str]]:
                 judge = jsonschema.validators.validator_for(rules, jsonschema.Draft202012Validator)
                 judge.check_schema(rules)
                 validators[schema.id] = judge(rules)
-            told = json.loads(message.data, parse_constant=pytest.fail)
-            flaws = [f"{channel.topic} {flaw.json_path}" for flaw in validators[schema.id].iter_errors(told)]
+            reported = json.loads(message.data, parse_constant=pytest.fail)
+            flaws = [
+                f"{channel.topic} {flaw.json_path}" for flaw in validators[schema.id].iter_errors(reported)
+            ]
             valid[channel.topic] += not flaws
             wrong += flaws
     return dict(valid), wrong
 
 
-def as_foxglove_takes_it(schema: Any) -> bool:
-    """Whether its reader finds a type of one word everywhere. Source: parseJsonSchema.ts of foxglove/studio."""
-    words = ("boolean", "string", "number", "integer", "object", "array")
+def is_accepted_by_foxglove(schema: Any) -> bool:
+    """Return whether Foxglove accepts a schema: a single type name everywhere.
+
+    Source: parseJsonSchema.ts of foxglove/studio.
+    """
+    text = ("boolean", "string", "number", "integer", "object", "array")
     match schema["type"]:
         case "object":
-            return all(map(as_foxglove_takes_it, schema["properties"].values()))
+            return all(map(is_accepted_by_foxglove, schema["properties"].values()))
         case "array":
-            return schema["items"]["type"] != "array" and as_foxglove_takes_it(schema["items"])
+            return schema["items"]["type"] != "array" and is_accepted_by_foxglove(schema["items"])
         case word:
-            return isinstance(word, str) and word in words
+            return isinstance(word, str) and word in text
 
 
 @pytest.fixture(scope="module", params=["jr3", "jr3-uart", "jr3-board"])
 def recorded(request: pytest.FixtureRequest, recordings: Recordings) -> Path:
-    """A recording of a run with each of our sensors."""
+    """Return a recording of a run with each built-in sensor."""
     line = {"kind": "line", "length_mm": 20.0}
     steps = [{"do": "approach"}, {"do": "track", "path": line, "for_s": 4.0}, {"do": "retract"}]
     return recordings.path(merged(CLOSE, {"task": {"step": steps}, "sensor": {"emulated": request.param}}))
 
 
 @pytest.mark.sweep
-def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> None:
+def test_run_messages_are_valid_by_their_schemas(recorded: Path) -> None:
     valid, wrong = checked_messages(recorded)
     assert wrong == []
     assert valid.keys() == {topic.name for topic in (*TOPICS, *SCENE_TOPICS)}
@@ -118,28 +123,28 @@ def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> No
     assert valid["/sensor"] > 500
 
 
-def test_schemas_are_those_that_foxglove_takes() -> None:
-    assert all(as_foxglove_takes_it(topic.schema) for topic in (*TOPICS, *SCENE_TOPICS))
-    assert not as_foxglove_takes_it({"type": "object", "properties": {"a": {"type": ["number", "null"]}}})
+def test_schemas_are_accepted_by_foxglove() -> None:
+    assert all(is_accepted_by_foxglove(topic.schema) for topic in (*TOPICS, *SCENE_TOPICS))
+    assert not is_accepted_by_foxglove({"type": "object", "properties": {"a": {"type": ["number", "null"]}}})
 
 
-def test_log_times_fall_by_no_more_than_the_window(recorded: Path) -> None:
+def test_log_times_decrease_at_most_by_window(recorded: Path) -> None:
     newest, behind = 0, 0
     with recorded.open("rb") as file:
         for _, _, message in make_reader(file).iter_messages(log_time_order=False):
             newest = max(newest, message.log_time)
             behind = max(behind, newest - message.log_time)
-            assert message.publish_time == message.log_time  # no usual run comes near the window
+            assert message.publish_time == message.log_time  # no usual run comes close to the window
     assert 0 < behind < ORDER_WINDOW_S * 1e9
 
 
-def test_a_record_that_was_put_too_late_is_placed_at_the_window(tmp_path: Path) -> None:
+def test_late_record_is_placed_at_window(tmp_path: Path) -> None:
     late = EventRecord(100.0, EventKind.PHASE, "track")
     path = write(tmp_path / "run.mcap", [cycle(0, 150.0), late])
     with path.open("rb") as file:
-        ((_, _, told),) = make_reader(file).iter_messages(topics="/event", log_time_order=False)
-    assert told.log_time == wall_ns(150.0705 - ORDER_WINDOW_S)
-    assert told.publish_time == wall_ns(100.0)
+        ((_, _, reported),) = make_reader(file).iter_messages(topics="/event", log_time_order=False)
+    assert reported.log_time == wall_ns(150.0705 - ORDER_WINDOW_S)
+    assert reported.publish_time == wall_ns(100.0)
     assert [*read(path).events] == [late]
 
 
@@ -152,7 +157,7 @@ KNOWN = st.none() | st.floats(allow_nan=False, allow_infinity=False)
     KNOWN,
     st.dictionaries(st.text(), st.floats()),
 )
-def test_no_number_makes_a_message_that_its_schema_refuses(
+def test_every_number_gives_a_valid_message(
     six: list[float], force: float, stiffness: float | None, explanation: dict[str, float]
 ) -> None:
     sample = Sample(force, (force, 0.0, 0.0), force, 1.0, 1.0, 1, wrench=tuple(six), position_at=stiffness)
@@ -164,39 +169,39 @@ def test_no_number_makes_a_message_that_its_schema_refuses(
         (SENSOR, SensorRecord(1.0, 1, tuple(six))),
         (TRUTH, TruthRecord(1, 1.0, force, force, (force,) * 3, (force,) * 3, tuple(six))),
     ):
-        told = json.loads(topic.encode(record))
-        jsonschema.Draft202012Validator(topic.schema).validate(told)
-        back = topic.decode(topic.encode(record))
-        assert in_nan(back) == in_nan(record)
+        reported = json.loads(topic.encode(record))
+        jsonschema.Draft202012Validator(topic.schema).validate(reported)
+        decoded = topic.decode(topic.encode(record))
+        assert as_read_back(decoded) == as_read_back(record)
 
 
-def in_nan(record: Record) -> str:
-    """A record in words, as it is read back: what JSON lacks is NaN."""
+def as_read_back(record: Record) -> str:
+    """Return a record as text as it is read back: NaN for a value that JSON cannot represent."""
     return re.sub(r"-?\binf\b", "nan", repr(msgspec.to_builtins(record)))
 
 
-def test_a_null_is_nan_for_a_number_and_none_where_nothing_is_allowed() -> None:
+def test_null_is_nan_for_numbers_and_none_for_optionals() -> None:
     message = json.loads(CYCLE.encode(cycle(0, 100.0)))
     message["explanation"] = {"stiffness": None}
     message["stiffness"] = message["force"] = None
     message["sample"]["position"] = [None, 1, 2]
-    back = CYCLE.decode(json.dumps(message).encode())
-    assert isinstance(back, CycleRecord)
-    assert math.isnan(back.explanation["stiffness"])
-    assert math.isnan(back.force)
-    assert math.isnan(back.sample.position[0])
-    assert back.stiffness is None
+    decoded = CYCLE.decode(json.dumps(message).encode())
+    assert isinstance(decoded, CycleRecord)
+    assert math.isnan(decoded.explanation["stiffness"])
+    assert math.isnan(decoded.force)
+    assert math.isnan(decoded.sample.position[0])
+    assert decoded.stiffness is None
     message["phase"] = None
     with pytest.raises(ValueError, match=r"\$\.phase"):
         CYCLE.decode(json.dumps(message).encode())
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
-def test_the_schema_speaks_of_any_robot_and_of_all_phases(topic: Topic) -> None:
-    """Every recording carries it, whatever robot moved."""
-    told = json.dumps(topic.schema).lower()
+def test_schema_covers_any_robot_and_all_phases(topic: Topic) -> None:
+    """Every recording contains it, whichever robot moved."""
+    reported = json.dumps(topic.schema).lower()
     for word in ("status order", "status answer", "move order", "its bid", "enq", "s3"):
-        assert word not in told, word
+        assert word not in reported, word
     if topic is CYCLE:
         described = json.loads(json.dumps(topic.schema))["properties"]["phase"]["description"]
         assert all(str(phase) in described for phase in Phase)

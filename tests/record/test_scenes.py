@@ -1,4 +1,4 @@
-"""The parts of a recording for Foxglove's own panels, and the layouts that name its fields."""
+"""Parts of a recording for Foxglove's own panels, and the layouts that use its fields."""
 
 import itertools
 import json
@@ -25,38 +25,40 @@ from tests.recordings import Recordings
 
 @pytest.fixture(scope="module")
 def messages(recordings: Recordings) -> dict[str, list[tuple[int, Any]]]:
-    """Log times and messages of a run by topic."""
+    """Return log times and messages of a run by topic."""
     path = recordings.path(merged(STREAMED, {"run": {"duration_s": 2.0}, "robot": {"emulated": "egm"}}))
-    found: dict[str, list[tuple[int, Any]]] = {}
+    result: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages():
-            found.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
-    return found
+            result.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    return result
 
 
 def in_ns(time: dict[str, int]) -> int:
     return time["sec"] * 10**9 + time["nsec"]
 
 
-def test_the_frames_are_the_poses_of_the_records(messages: dict[str, list[tuple[int, Any]]]) -> None:
+def test_scene_frames_match_record_poses(messages: dict[str, list[tuple[int, Any]]]) -> None:
     for frame, topic in (("tool", "/cycle"), ("tool_true", "/truth")):
         poses = {at: one.get("sample", one) for at, one in messages[topic]}
-        moved = [
+        distance = [
             (at, one)
             for at, message in messages["/scene/frames"]
             for one in message["transforms"]
             if one["child_frame_id"] == frame
         ]
-        assert len(moved) > 50
-        assert all(later - at >= (PERIOD_S - 1e-3) * 1e9 for (at, _), (later, _) in itertools.pairwise(moved))
-        for at, one in moved:
+        assert len(distance) > 50
+        assert all(
+            later - at >= (PERIOD_S - 1e-3) * 1e9 for (at, _), (later, _) in itertools.pairwise(distance)
+        )
+        for at, one in distance:
             assert in_ns(one["timestamp"]) == at
             assert [*one["translation"].values()] == pytest.approx(poses[at]["position"], abs=1e-6)
             w, x, y, z = poses[at]["quaternion"]
             assert one["rotation"] == pytest.approx({"x": x, "y": y, "z": z, "w": w}, abs=1e-6)
 
 
-def test_arrows_point_along_the_forces(messages: dict[str, list[tuple[int, Any]]]) -> None:
+def test_scene_arrows_point_along_forces(messages: dict[str, list[tuple[int, Any]]]) -> None:
     truths = dict(messages["/truth"])
     checked = 0
     for at, message in messages["/scene/force"]:
@@ -70,7 +72,7 @@ def test_arrows_point_along_the_forces(messages: dict[str, list[tuple[int, Any]]
     assert checked > 20
 
 
-def test_the_surface_lies_below_the_tool_across_its_normal(
+def test_scene_surface_is_below_tool_normal_to_it(
     messages: dict[str, list[tuple[int, Any]]],
 ) -> None:
     truths = dict(messages["/truth"])
@@ -83,12 +85,12 @@ def test_the_surface_lies_below_the_tool_across_its_normal(
         assert points[[0, 1, 2, 5]].mean(axis=0) == pytest.approx(truths[at]["position"], abs=2e-6)
 
 
-def test_events_are_in_the_log_by_their_weight(messages: dict[str, list[tuple[int, Any]]]) -> None:
+def test_scene_log_levels_match_event_severity(messages: dict[str, list[tuple[int, Any]]]) -> None:
     events = [(at, record["kind"], record["text"]) for at, record in messages["/event"]]
     assert [(at, one["name"], one["message"]) for at, one in messages["/log"]] == events
 
 
-def test_a_trail_keeps_its_size_on_a_long_way() -> None:
+def test_scene_trail_size_is_bounded() -> None:
     scenes, longest = Scenes(lambda at: round(at * 1e9)), 0
     for k in range(20_000):
         one = cycle(k, k * 0.1, position=(k * 1e-3, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
@@ -102,16 +104,18 @@ def test_a_trail_keeps_its_size_on_a_long_way() -> None:
 
 
 @pytest.mark.parametrize("force", [(-3.0, 0.0, 0.0), (0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)])
-def test_forces_without_a_direction_of_their_own_make_valid_messages(
+def test_scene_degenerate_forces_give_valid_messages(
     force: tuple[float, float, float],
 ) -> None:
     truth = TruthRecord(1, 1.0, 1.0, 1.0, (0.0,) * 3, force, (0.0,) * 6, (), (1.0, 0.0, 0.0, 0.0))
-    found = dict(Scenes(lambda at: round(at * 1e9)).of(truth))
-    told = {topic.name for topic in found}
-    assert told == {"/scene/tool", "/scene/frames"} | ({"/scene/force"} if force[0] == force[0] else set())
+    result = dict(Scenes(lambda at: round(at * 1e9)).of(truth))
+    reported = {topic.name for topic in result}
+    assert reported == {"/scene/tool", "/scene/frames"} | (
+        {"/scene/force"} if force[0] == force[0] else set()
+    )
 
 
-def test_the_layouts_name_fields_that_recordings_have() -> None:
+def test_layouts_use_existing_recording_fields() -> None:
     fields = {
         f"{topic.name}.{field}"
         for topic in TOPICS
@@ -120,15 +124,15 @@ def test_the_layouts_name_fields_that_recordings_have() -> None:
     check_layouts("foxglove.json", "plotjuggler.xml", fields)
 
 
-def test_the_layouts_of_ros_name_fields_that_its_messages_have() -> None:
+def test_ros_layouts_use_existing_message_fields() -> None:
     store = message_store()
 
     def leaves(kind: str, before: str) -> set[str]:
-        found = set()
-        for name, (form, told) in store.fielddefs[kind][1]:
+        result = set()
+        for name, (form, reported) in store.fielddefs[kind][1]:
             plain = form == Nodetype.NAME
-            found |= leaves(told, f"{before}.{name}") if plain else {f"{before}.{name}"}
-        return found
+            result |= leaves(reported, f"{before}.{name}") if plain else {f"{before}.{name}"}
+        return result
 
     fields = {field for topic, kind in ROS_TOPICS.items() for field in leaves(kind, topic)}
     check_layouts("ros2-foxglove.json", "ros2-plotjuggler.xml", fields)
@@ -138,7 +142,7 @@ def test_the_layouts_of_ros_name_fields_that_its_messages_have() -> None:
 
 
 def check_layouts(foxglove: str, plotjuggler: str, fields: set[str]) -> None:
-    """Both layouts name these fields alone, and each panel once."""
+    """Check that both layouts use only these fields, and each panel once."""
     layout = json.loads(content(foxglove))
     paths = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
     curves = [curve.get("name") for curve in xml.fromstring(content(plotjuggler)).iter("curve")]

@@ -1,4 +1,4 @@
-"""Figures of a program's run: stroke by stroke, and against the force that each sample wanted."""
+"""Figures of a run of a program: per stroke, and relative to the target force of each sample."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import pytest
 from hil_bridge.errors import Cause, Reason
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd, StepRecord
 from hil_bridge.record.analysis.strokes import merit_of, strokes_of
-from hil_bridge.record.analysis.summary import summarise, wanted_force
+from hil_bridge.record.analysis.summary import summarise, target_force_text
 from hil_bridge.runs.outputs import figures
 from tests.record.written_recordings import cycle_of
 
@@ -19,11 +19,11 @@ def cycles(
     phase: str,
     step: int,
     forces: Sequence[float],
-    wanted: float = 10.0,
+    reference_n: float = 10.0,
     first: int = 0,
     touching: bool = True,
 ) -> list[CycleRecord]:
-    """One cycle a force, every PERIOD."""
+    """Return one cycle per force, every PERIOD."""
     return [
         cycle_of(
             cycle=k,
@@ -36,7 +36,7 @@ def cycles(
             answered_at=k * PERIOD,
             sensor_sequence=k,
             force=force,
-            force_reference=wanted,
+            force_reference=reference_n,
             in_contact=touching,
             step=step,
         )
@@ -58,7 +58,7 @@ TWO = row(
 )
 
 
-def test_each_touch_begins_a_stroke() -> None:
+def test_each_contact_begins_a_stroke() -> None:
     strokes = strokes_of(Recording(TWO))
     assert [len(stroke) for stroke in strokes] == [50, 53]
     slow, quick = merit_of(strokes, None), merit_of(strokes[:1], None)
@@ -70,19 +70,19 @@ def test_each_touch_begins_a_stroke() -> None:
     assert slow.rms_error_n == pytest.approx((squares / 103) ** 0.5)
 
 
-def test_a_stroke_that_never_rose_leaves_no_rise() -> None:
+def test_stroke_without_rise_has_no_rise_time() -> None:
     weak = row(
         list(TWO[:51]), cycles("retract", 3, [2.0], first=51), cycles("track", 5, [1.0] * 50, first=52)
     )
     assert merit_of(strokes_of(Recording(weak)), None).rise_samples is None
 
 
-def test_no_stroke_has_no_figures() -> None:
+def test_figures_without_stroke_raise() -> None:
     with pytest.raises(ValueError, match="need a stroke"):
         merit_of([], None)
 
 
-def test_a_tool_that_looks_for_a_lost_surface_is_in_the_same_stroke() -> None:
+def test_stroke_continues_while_lost_surface_is_searched() -> None:
     lost = row(
         cycles("track", 2, [10.0] * 3),
         cycles("track", 2, [0.0], first=3, touching=False),
@@ -94,7 +94,7 @@ def test_a_tool_that_looks_for_a_lost_surface_is_in_the_same_stroke() -> None:
     assert merit_of(strokes, None).contact_losses == 1
 
 
-def test_the_edge_that_was_sought_is_no_contact_loss() -> None:
+def test_edge_found_by_seek_is_not_a_contact_loss() -> None:
     seek = row(
         cycles("track", 2, [10.0] * 3),
         cycles("track", 3, [10.0, 0.0], first=3),
@@ -106,7 +106,7 @@ def test_the_edge_that_was_sought_is_no_contact_loss() -> None:
     assert merit_of(strokes, None).contact_losses == 0
 
 
-def test_a_run_without_a_program_has_one_stroke() -> None:
+def test_run_without_program_has_one_stroke() -> None:
     plain = row(
         cycles("track", 0, [10.0] * 3),
         cycles("approach", 0, [0.0], first=3),
@@ -115,18 +115,18 @@ def test_a_run_without_a_program_has_one_stroke() -> None:
     assert [len(stroke) for stroke in strokes_of(Recording(plain))] == [6]
 
 
-def test_a_wanted_force_that_varies_is_told_as_such() -> None:
+def test_varying_target_force_is_described() -> None:
     summary = summarise(Recording(TWO), END)
     assert summary.force_reference_n is None
     assert summary.force_references_n == (10.0, 20.0)
-    assert wanted_force(summary) == "10 … 20 N"
+    assert target_force_text(summary) == "10 … 20 N"
     assert summary.force_mean_steady_n == pytest.approx(20.5)
     lines = figures(summary)
     assert " at 10 … 20 N with" in lines[0]
     assert "  rise to 90 %   2 samples, 0.20 s in the slowest of 2 strokes" in lines
 
 
-def test_no_mean_force_is_told_of_a_profile() -> None:
+def test_force_profile_has_no_mean_force() -> None:
     ramp = [one for k in range(60) for one in cycles("track", 1, [5.0 + k / 10], 5.0 + k / 10, first=k)]
     summary = summarise(Recording(tuple(ramp)), END)
     assert summary.force_mean_steady_n is None
@@ -134,7 +134,7 @@ def test_no_mean_force_is_told_of_a_profile() -> None:
     assert "  steady error   +0.00 N mean, 0.00 N peak to peak" in figures(summary)
 
 
-def test_a_retract_step_is_not_the_sample_that_stopped_the_tracking() -> None:
+def test_retract_step_is_not_the_stopping_sample() -> None:
     stopped = RunEnd(Outcome.STOPPED, Reason(Cause.TOUCH, "the tool touches something in free space"))
     loud = row(cycles("track", 2, [10.0] * 50), cycles("retract", 3, [12.0], first=50))
     assert summarise(Recording(loud), stopped).figures["largest_force_n"] == 10.0

@@ -1,4 +1,4 @@
-"""The paragraph on how a run ended: for every fault of the S3 and the JR3, and samples of the other devices."""
+"""Paragraph on how a run ended: for every fault of the S3 and the JR3, and samples of the other devices."""
 
 import re
 from collections.abc import Mapping
@@ -35,8 +35,8 @@ BLAMED = {
     "obstacle": "what the tool touches",
     "computer": "computer",
 }
-"""The part that the text names where a fault of this target ended the run."""
-ASKED = merged(CLOSE, {"run": {"duration_s": 1.0}})
+"""Part that the text names if a fault of this target ended the run."""
+CLOSE_RUN = merged(CLOSE, {"run": {"duration_s": 1.0}})
 GUIDED = merged(
     STREAMED, {"robot": {"emulated": "egm"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.8}}
 )
@@ -45,7 +45,7 @@ PARAMETERS = {**GIVEN, ("pose", "encoder-offset"): {"z_mm": 20.0}, ("computer", 
 
 
 class Job(NamedTuple):
-    """A run of a device with a fault."""
+    """Run of a device with a fault."""
 
     device: str
     on: str
@@ -59,7 +59,7 @@ OURS = [
     for fault in faults
 ]
 BORNE = ("lost", "twice", "reordered")
-"""Faults of a wire that a streamed robot bears with their defaults."""
+"""Faults of a wire that a streamed robot tolerates with their defaults."""
 SAMPLES = [
     Job("egm", "robot", "motors-off"),
     Job("egm", "wire", "off"),
@@ -82,26 +82,26 @@ SAMPLES = [
 
 def settings(job: Job) -> dict[str, Any]:
     if job in OURS:
-        return ASKED
+        return CLOSE_RUN
     chosen = GUIDED
     if job.device in ("rtde", "rsi"):
         chosen = merged(chosen, {"robot": {"emulated": job.device}})
     if job.device in ("netft", "ati-can"):
         chosen = merged(chosen, {"sensor": {"emulated": job.device}, "cell": {"netft": {"rate_hz": 500}}})
     if job.on == "obstacle" or job.device == "rsi":
-        # on a longer way back the tool meets the obstacle, and damaged answers are in a row
+        # on a longer retraction the tool meets the obstacle, and damaged answers are consecutive
         chosen = {**chosen, "task": {}}
     return chosen
 
 
 def fault(job: Job) -> dict[str, Any]:
-    when = {"phase": "connect"} if job.fault == "wrong-scales" else {"phase": "track", "after_s": 0.2}
-    return {"on": job.on, "fault": job.fault, "with": PARAMETERS.get((job.on, job.fault), {}), **when}
+    trigger = {"phase": "connect"} if job.fault == "wrong-scales" else {"phase": "track", "after_s": 0.2}
+    return {"on": job.on, "fault": job.fault, "with": PARAMETERS.get((job.on, job.fault), {}), **trigger}
 
 
 @pytest.mark.parametrize("job", [*OURS, *SAMPLES], ids=lambda job: "-".join(job))
-def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Recordings) -> None:
-    refused = job.fault == "wrong-scales"  # found before the tool moves
+def test_why_names_part_hit_by_fault(job: Job, recordings: Recordings) -> None:
+    refused = job.fault == "wrong-scales"  # detected before the tool moves
     recording = recordings(settings(job), faults=[fault(job)], seed=SEED, refused=refused)
     events = [event.text for event in recording.events if event.kind == EventKind.FAULT]
     assert re.match(rf"{job.on}: {job.fault} (\(.*\) )?(begins|happens)", events[0])
@@ -110,18 +110,18 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Reco
     assert "\n" not in text
     assert "{" not in text
     if recording.end["outcome"] == "completed":
-        assert job in OURS or job.fault in BORNE, "a sample that continues says nothing about the sentence"
+        assert job in OURS or job.fault in BORNE, "a run that continues does not test the sentence"
         assert text.startswith("The run completed after ")
         assert text.count(". ") == 0
         return
     cause = recording.end["text"]
     before, _, rest = text.partition(" A fault had been injected on purpose ")
     assert f"{job.on}: {job.fault}" in rest.partition(". ")[0]
-    ended = before[before.index("What ended it") :]
+    ended = before[before.index("The cause was") :]
     assert cause in ended
     blamed = ended.partition(cause)[0]
     assert BLAMED[job.on] in blamed, text
-    assert "Look at: " in rest
+    assert "Check: " in rest
     if recording.cycles:
         assert "The last good cycle was number " in before
         assert "The tool was left " in rest
@@ -133,23 +133,23 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Reco
 
 @pytest.fixture
 def unplugged(recordings: Recordings) -> Path:
-    return recordings.path(ASKED, faults=[fault(Job("jr3", "sensor-wire", "off"))], seed=SEED)
+    return recordings.path(CLOSE_RUN, faults=[fault(Job("jr3", "sensor-wire", "off"))], seed=SEED)
 
 
-def told(*arguments: str) -> str:
+def output_of(*arguments: str) -> str:
     result = CliRunner().invoke(cli, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.stdout
 
 
-def test_the_command_and_the_report_say_the_same(unplugged: Path, tmp_path: Path) -> None:
+def test_why_command_and_report_agree(unplugged: Path, tmp_path: Path) -> None:
     text = why(api.read(unplugged))
-    assert told("why", str(unplugged)) == text + "\n"
-    told("report", str(unplugged), "--output", str(tmp_path))
+    assert output_of("why", str(unplugged)) == text + "\n"
+    output_of("report", str(unplugged), "--output", str(tmp_path))
     assert text.partition("`")[0] in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
 
 
-def test_silence_is_the_first_symptom(unplugged: Path) -> None:
+def test_why_silence_is_first_symptom(unplugged: Path) -> None:
     recording = api.read(unplugged)
     stop = next(event.at for event in recording.events if event.kind == EventKind.STOP)
     last = max(frame.at for frame in recording.sensors if frame.at <= stop)
@@ -157,22 +157,22 @@ def test_silence_is_the_first_symptom(unplugged: Path) -> None:
     assert expected in why(recording)
 
 
-def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> None:
+def test_why_reports_cut_recording(unplugged: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     data = unplugged.read_bytes()
     cut.write_bytes(data[: len(data) * 2 // 3])
-    text = told("why", str(cut))
+    text = output_of("why", str(cut))
     assert text.startswith("The recording ends ")
     assert "the process was killed, or the file is cut" in text
 
 
-def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal(recordings: Recordings) -> None:
+def test_why_distinguishes_key_from_signal(recordings: Recordings) -> None:
     recording = recordings(SHORT)
-    key = EventRecord(1.0, EventKind.OPERATOR, "asked for the end with the key r", Cause.KEY, by="r")
-    page = EventRecord(1.0, EventKind.OPERATOR, "asked for the end on the page in the browser", Cause.PAGE)
+    key = EventRecord(1.0, EventKind.OPERATOR, "requested the end with the key r", Cause.KEY, by="r")
+    page = EventRecord(1.0, EventKind.OPERATOR, "requested the end on the page in the browser", Cause.PAGE)
     signal = EventRecord(1.0, EventKind.SIGNAL, "SIGINT", Cause.SIGNAL, by="SIGINT")
     mark = EventRecord(1.0, EventKind.MARK, key.text)
-    for events, cause, told in (
+    for events, cause, reported in (
         ((key, signal), Cause.KEY, "the key r"),
         ((page, signal), Cause.PAGE, "the page in the browser"),
         ((signal,), Cause.SIGNAL, "SIGINT"),
@@ -180,45 +180,46 @@ def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal(recordings
     ):
         end = {**recording.end, "outcome": "interrupted", "cause": cause, "text": ""}
         text = why(replace(recording, events=events, end=end))
-        assert f"It was ended by {told}." in text
+        assert f"It was ended by {reported}." in text
         assert "symptom" not in text or mark in events
 
 
 def interrupted(settings: Mapping[str, Any], phase: str, after_s: float) -> tuple[Recording, float]:
-    """A run that a program asks to end so long after the begin of a phase, and when that was, from its start, s."""
-    asked: list[float] = []
+    """Return a run that is requested to end this long after the start of a phase, and the time of that request, s.
+
+    The time is relative to the start of the run.
+    """
+    requested: list[float] = []
 
     async def main() -> api.Simulation:
         async with api.simulation(settings) as running:
             await running.reached(phase)
             await running.clock.sleep_until(running.clock.now() + after_s)
             running.interrupt()
-            asked.append(running.clock.now())
+            requested.append(running.clock.now())
         return running
 
     recording = api.run_virtual(main).result.recording
-    return recording, asked[0] - recording.events[0].at
+    return recording, requested[0] - recording.events[0].at
 
 
-def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
-    text = why(interrupted(ASKED, "track", 0.0)[0])
+def test_why_interrupted_run_blames_no_device() -> None:
+    text = why(interrupted(CLOSE_RUN, "track", 0.0)[0])
     assert text.startswith("The run was interrupted ")
-    assert "What ended it" not in text
+    assert "The cause was" not in text
     assert "The tool was left retracted" in text
 
 
 @pytest.mark.parametrize(
-    ("settings", "cycle_s"), [(ASKED, 0.2), (GUIDED, 0.02)], ids=["in whole cycles", "streamed"]
+    ("settings", "cycle_s"), [(CLOSE_RUN, 0.2), (GUIDED, 0.02)], ids=["complete cycles", "streamed"]
 )
-def test_an_interrupt_is_told_when_it_came_and_not_when_the_tool_was_back(
-    settings: Mapping[str, Any], cycle_s: float
-) -> None:
-    recording, asked_s = interrupted(settings, "track", 0.3)
+def test_why_interrupt_time_is_its_arrival(settings: Mapping[str, Any], cycle_s: float) -> None:
+    recording, requested_s = interrupted(settings, "track", 0.3)
     (ended,) = (cycle for cycle in recording.cycles if cycle.asked)
     before = recording.cycles[ended.cycle - 1]
     values = why_values(recording)
     assert values.after_s == ended.sample.now - recording.events[0].at
-    assert 0.0 <= values.after_s - asked_s <= cycle_s
+    assert 0.0 <= values.after_s - requested_s <= cycle_s
     assert (values.phase, values.step, values.first_symptom) == ("track", "", None)
     assert values.last_good is not None
     assert values.last_good.cycle == before.cycle
@@ -230,12 +231,12 @@ def test_an_interrupt_is_told_when_it_came_and_not_when_the_tool_was_back(
     )
 
 
-def test_an_interrupt_in_a_step_of_a_program_tells_the_step() -> None:
+def test_why_interrupt_names_program_step() -> None:
     path = {"kind": "line", "to_mm": [20.0, 0.0]}
     steps = [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": 10.0}, {"do": "retract"}]
-    recording, asked_s = interrupted(merged(GUIDED, {"task": {"step": steps}}), "track", 0.5)
+    recording, requested_s = interrupted(merged(GUIDED, {"task": {"step": steps}}), "track", 0.5)
     values = why_values(recording)
-    assert 0.0 <= values.after_s - asked_s <= 0.02
+    assert 0.0 <= values.after_s - requested_s <= 0.02
     assert (values.phase, values.step) == ("track", "2 (track)")
     assert values.last_good is not None
     assert recording.cycles[values.last_good.cycle + 1].asked
@@ -244,19 +245,19 @@ def test_an_interrupt_in_a_step_of_a_program_tells_the_step() -> None:
     )
 
 
-def test_an_interrupt_on_the_way_back_is_told_there() -> None:
-    recording, asked_s = interrupted(ASKED, "retract", 0.1)
+def test_why_interrupt_during_retraction_is_located_there() -> None:
+    recording, requested_s = interrupted(CLOSE_RUN, "retract", 0.1)
     values = why_values(recording)
-    assert 0.0 <= values.after_s - asked_s <= 0.2
+    assert 0.0 <= values.after_s - requested_s <= 0.2
     assert values.phase == "retract"
     assert values.last_good is not None
     assert recording.cycles[values.last_good.cycle].phase == "retract"
 
 
-def test_a_request_before_the_first_cycle_is_told_by_its_event(short: Recording) -> None:
-    """No cycle tells of it; the devices close later."""
+def test_why_request_before_first_cycle_uses_event(short: Recording) -> None:
+    """No cycle contains it, and the devices close later."""
     begin = short.events[0].at
-    key = EventRecord(begin + 0.5, EventKind.OPERATOR, "asked for the end with the key r", Cause.KEY, by="r")
+    key = EventRecord(begin + 0.5, EventKind.OPERATOR, "requested the end with the key r", Cause.KEY, by="r")
     wire = EventRecord(begin + 4.0, EventKind.WIRE_LOST, "the connection broke")
     tare = next(event for event in short.events if event.text == "tare")
     assert tare.at < key.at
@@ -265,8 +266,8 @@ def test_a_request_before_the_first_cycle_is_told_by_its_event(short: Recording)
     assert (values.after_s, values.phase, values.first_symptom) == (key.at - begin, "tare", None)
 
 
-def test_a_recording_that_was_cut_on_the_way_back_ends_where_it_was_cut() -> None:
-    recording, _ = interrupted(ASKED, "track", 0.3)
+def test_why_recording_cut_during_retraction_ends_at_cut() -> None:
+    recording, _ = interrupted(CLOSE_RUN, "track", 0.3)
     last = max(event.at for event in recording.events)
     values = why_values(replace(recording, end={}))
     assert values.after_s == last - recording.events[0].at
@@ -275,8 +276,8 @@ def test_a_recording_that_was_cut_on_the_way_back_ends_where_it_was_cut() -> Non
     )
 
 
-def test_the_retraction_that_a_stop_begins_is_not_its_phase(unplugged: Path) -> None:
-    """In real time the event of the stop comes a few microseconds after that of the retraction."""
+def test_why_retraction_after_stop_is_not_its_phase(unplugged: Path) -> None:
+    """In real time the event of the stop comes a few microseconds after the event of the retraction."""
     recording = api.read(unplugged)
     events = [
         replace_struct(event, at=event.at + 5e-5) if event.kind == EventKind.STOP else event
@@ -286,17 +287,17 @@ def test_the_retraction_that_a_stop_begins_is_not_its_phase(unplugged: Path) -> 
     assert why_values(late).phase == why_values(recording).phase == "track"
 
 
-def test_the_step_of_a_program_is_told_and_is_no_symptom() -> None:
+def test_why_program_step_is_named_but_no_symptom() -> None:
     path = {"kind": "line", "to_mm": [20.0, 0.0]}
     steps = [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": 10.0}, {"do": "retract"}]
-    off = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.3}
-    text = why(api.simulate({"task": {"step": steps}}, faults=[off], seed=3).recording)
+    sensor_off = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.3}
+    text = why(api.simulate({"task": {"step": steps}}, faults=[sensor_off], seed=3).recording)
     assert "the last frame of the force sensor" in text
     assert "in step 2 (track)" in text
 
 
 def ended_by(recording: Recording, reason: Reason) -> str:
-    """The paragraph of a run that this ended."""
+    """Return the paragraph of a run with this end."""
     end = RunEnd(Outcome.STOPPED, reason, left="retracted, 0.0 N", place="retracted, 0.0 N").as_metadata()
     return why(replace(recording, end=end))
 
@@ -307,27 +308,27 @@ def short(recordings: Recordings) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("cause", "text", "part", "look"),
+    ("cause", "text", "part", "remedy"),
     [
-        (Cause.OSCILLATION, "the force continues swinging by ±4.0 N", "controller", "[oscillation]"),
-        (Cause.INCONSISTENT, "requested depth and position differ", "the program itself", "report it"),
-        (Cause.NO_PROGRESS, "a lateral force of 9.0 N holds the feed", "what the tool touches", "beside"),
+        (Cause.OSCILLATION, "the force continues to oscillate by ±4.0 N", "controller", "[oscillation]"),
+        (Cause.INCONSISTENT, "requested depth and position differ", "the program itself", "bug report"),
+        (Cause.NO_PROGRESS, "a lateral force of 9.0 N holds the feed", "what the tool touches", "next to"),
         (Cause.NO_EDGE, "no edge within 10 mm", "the surface", "at_most_mm"),
-        (Cause.PLACE_UNKNOWN, "the robot does not tell where the tool was left", "the link", "cable"),
+        (Cause.PLACE_UNKNOWN, "the robot does not report where the tool was left", "the link", "cable"),
     ],
 )
-def test_what_no_pattern_matched_names_part_and_remedy(
-    short: Recording, cause: Cause, text: str, part: str, look: str
+def test_why_unmatched_cause_names_part_and_remedy(
+    short: Recording, cause: Cause, text: str, part: str, remedy: str
 ) -> None:
-    """These stops named nothing when sentences were read again."""
-    told = ended_by(short, Reason(cause, text))
-    blamed, _, rest = told.partition(f": {text}.")
-    assert part in blamed[blamed.index("What ended it was ") :]
-    assert look in rest[rest.index("Look at: ") :]
+    """Causes are compared, not texts: these texts match no known pattern."""
+    reported = ended_by(short, Reason(cause, text))
+    blamed, _, rest = reported.partition(f": {text}.")
+    assert part in blamed[blamed.index("The cause was ") :]
+    assert remedy in rest[rest.index("Check: ") :]
 
 
 @pytest.mark.parametrize(
-    ("cause", "text", "words"),
+    ("cause", "text", "message"),
     [
         (
             Cause.FORCE_TOO_OLD,
@@ -337,24 +338,24 @@ def test_what_no_pattern_matched_names_part_and_remedy(
         (Cause.FORCE, "the force is 60 N", ": the force is 60 N. This computer was late"),
     ],
 )
-def test_a_computer_that_was_late_is_named(short: Recording, cause: Cause, text: str, words: str) -> None:
-    """A late computer looks like a silent sensor; it is no other surface, but may have a part in its force."""
+def test_why_names_late_computer(short: Recording, cause: Cause, text: str, message: str) -> None:
+    """A late computer looks like a silent sensor; it does not look like another surface, but may have affected its
+    force.
+    """
     in_time = ended_by(short, Reason(cause, text))
     late = ended_by(short, Reason(cause, text, late_s=0.259))
     assert "late by" not in in_time
     assert "This computer was late by up to 259 ms just before." in late
-    assert words in late
+    assert message in late
     assert "what else runs on that computer" in late
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.259])
-def test_the_end_of_a_run_keeps_how_late_the_computer_was(
-    monkeypatch: pytest.MonkeyPatch, late_s: float
-) -> None:
-    """Cause, record and summary tell it. Virtual time is never late, so the beat is told to have been."""
+def test_run_end_records_lateness_of_computer(monkeypatch: pytest.MonkeyPatch, late_s: float) -> None:
+    """Cause, record and summary contain it. Virtual time is never late, so the clock's lateness is injected."""
     monkeypatch.setattr(Heartbeat, "recent", lambda *_: late_s)
-    off = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.1}
-    result = api.simulate({"run": {"duration_s": 1.0}}, faults=[off])
+    sensor_off = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.1}
+    result = api.simulate({"run": {"duration_s": 1.0}}, faults=[sensor_off])
     reason = reason_of(result.recording.end)
     assert reason is not None
     assert reason.cause is Cause.FORCE_TOO_OLD
@@ -364,20 +365,20 @@ def test_the_end_of_a_run_keeps_how_late_the_computer_was(
 
 @pytest.fixture
 def motors_off(recordings: Recordings) -> Recording:
-    """A run of an EGM robot whose motors went off."""
+    """Return a run of an EGM robot whose motors went off."""
     job = Job("egm", "robot", "motors-off")
     return recordings(settings(job), faults=[fault(job)], seed=SEED)
 
 
 @pytest.mark.parametrize("host", ["plain", "lost-and-found", "closed", "noise", "workspace", "link-stopped"])
-def test_the_name_of_a_host_blames_nothing(motors_off: Recording, host: str) -> None:
-    """Motors that go off are the robot's, whatever words stand in its URL."""
+def test_why_host_name_blames_nothing(motors_off: Recording, host: str) -> None:
+    """Motors that go off are blamed on the robot, whatever its URL contains."""
     cause = reason_of(motors_off.end)
     assert cause is not None
     assert ROWS[cause.cause].part is Part.ROBOT
     assert "the motors are off" in cause.text
-    words = f"robot on udp://{host}:6510 cannot move: the motors are off"
-    text = why(replace(motors_off, end={**motors_off.end, "text": words}))
-    assert "What ended it was the robot (egm): " in text
+    message = f"robot on udp://{host}:6510 cannot move: the motors are off"
+    text = why(replace(motors_off, end={**motors_off.end, "text": message}))
+    assert "The cause was the robot (egm): " in text
     assert "the link to" not in text
     assert "the path" not in text

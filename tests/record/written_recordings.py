@@ -16,10 +16,8 @@ def wall_ns(loop_time: float) -> int:
 
 
 def cycle_of(**values: Any) -> CycleRecord:
-    """A cycle with these values; those of its sample stand beside them. The tool stands still where nothing else is
-    said.
-    """
-    still: dict[str, Any] = {
+    """Return a cycle with these values, including those of its sample; by default the tool is stationary."""
+    defaults: dict[str, Any] = {
         "position": (0.0,) * 3,
         "wrench": (0.0,) * 6,
         "quaternion": (1.0, 0.0, 0.0, 0.0),
@@ -28,7 +26,7 @@ def cycle_of(**values: Any) -> CycleRecord:
         "travel_commanded": 0.0,
         "correction": 0.0,
     }
-    values = still | values
+    values = defaults | values
     force, wrench = values["force"], values["wrench"]
     sample = {
         name: values.pop(name)
@@ -70,7 +68,7 @@ def cycle(number: int, at: float, **changes: object) -> CycleRecord:
 
 
 def stream(seconds: float = 3.0) -> list[Record]:
-    """A 200 Hz sensor stream with a cycle every 0.16 s, in the order in which a run puts them."""
+    """Return a 200 Hz sensor stream with a cycle every 0.16 s, in the order in which a run records them."""
     records: list[Record] = [EventRecord(100.0, EventKind.PHASE, "track – µ ü")]
     for k in range(round(seconds * 200)):
         at = 100.0 + k / 200

@@ -1,10 +1,10 @@
-"""A log of a device that keeps what the device says."""
+"""Device log that keeps notices."""
 
 from hil_bridge.devices.device_log import NullLog
 
 
 class Notices(NullLog):
-    """Keeps what a device says beside its frames and answers."""
+    """Log that keeps a device's notices, other than frames and answers."""
 
     def __init__(self) -> None:
         self.notices: list[tuple[str, str]] = []

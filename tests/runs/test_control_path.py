@@ -22,12 +22,12 @@ FORBIDDEN = (
     "glob.",
     "input",
 )
-"""Audit events, by their beginnings, of calls that may wait for something. Source: Python's audit events table."""
+"""Audit events, by prefix, of calls that may wait for something. Source: Python's audit events table."""
 
 
 @dataclass
 class Watch:
-    """Hears the interpreter's audit events of one thread while it is on."""
+    """Recorder of the interpreter's audit events of one thread while it is on."""
 
     on: bool = False
     thread: int = 0
@@ -39,11 +39,11 @@ class Watch:
 
 
 WATCH = Watch()
-sys.addaudithook(WATCH)  # for good: there is no way to take one away
+sys.addaudithook(WATCH)  # permanent: an audit hook cannot be removed
 
 
 class Loudspeaker:
-    """A standard output on which nothing may be said."""
+    """Standard output that must not be written to."""
 
     def write(self, text: str) -> int:
         WATCH.heard.append(f"print {text!r}")
@@ -77,10 +77,10 @@ def run_watched(
 @pytest.mark.parametrize(
     "controller", ["predictive", "fuzzy-adaptive", "fuzzy", "resolution-aware", "pi", "admittance"]
 )
-def test_the_loop_blocks_nowhere(
+def test_loop_never_blocks(
     bench: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, controller: str
 ) -> None:
-    heard = run_watched(
+    blocking = run_watched(
         bench,
         monkeypatch,
         lambda bench, record: None,
@@ -88,7 +88,7 @@ def test_the_loop_blocks_nowhere(
         controller={"name": controller},
         frame={"follow_normal": True},
     )
-    assert heard == []
+    assert blocking == []
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_the_loop_blocks_nowhere(
     ],
     ids=["sleep", "file", "print", "import"],
 )
-def test_a_blocking_call_would_be_heard(
+def test_blocking_call_is_detected(
     bench: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, culprit: Callable[[], object]
 ) -> None:
     def meddle(bench: Any, record: Any) -> None:

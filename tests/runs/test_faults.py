@@ -1,4 +1,4 @@
-"""Faults as configuration: when they come, what they lead to, how a run records them, and which are refused."""
+"""Faults as configuration: when they occur, what they cause, how a run records them, and which are refused."""
 
 import json
 import re
@@ -33,7 +33,7 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("sensor", "wrong-scales"): {"phase": "connect", "after_s": 0.0},
     ("obstacle", "above"): {"phase": "retract", "after_s": 0.0},
 }
-"""Settings of a fault beyond its defaults for an effect one second after the tracking has begun."""
+"""Settings of a fault, beyond its defaults, that give an effect one second after the start of tracking."""
 EVERY = [(target, fault) for target, faults in CELL_FAULTS.items() for fault in faults]
 
 
@@ -48,9 +48,9 @@ def texts(run: Result) -> list[str]:
 
 def struck(run: Result, target: str, fault: str) -> int:
     (count,) = (
-        int(found[1])
+        int(result[1])
         for text in texts(run)
-        if (found := re.fullmatch(rf"{target}: {fault} struck (\d+) times?.*", text))
+        if (result := re.fullmatch(rf"{target}: {fault} struck (\d+) times?.*", text))
     )
     return count
 
@@ -58,12 +58,12 @@ def struck(run: Result, target: str, fault: str) -> int:
 @pytest.mark.parametrize(
     ("target", "fault"), [name for name in EVERY if name[0] in ("surface", "obstacle", "bus")]
 )
-def test_a_fault_of_the_cell_is_injected_and_has_an_effect(target: str, fault: str) -> None:
+def test_cell_fault_is_injected_and_has_effect(target: str, fault: str) -> None:
     """Those of the devices are in tests/record/test_why.py."""
     row = {"on": target, "fault": fault, "phase": "track", "after_s": 0.5, **NEEDED.get((target, fault), {})}
     run = run_with(
         row, **(NEAR if target != "obstacle" else {})
-    )  # the way back must be long enough to meet one
+    )  # the path back must be long enough to meet one
     assert struck(run, target, fault) > 0
     assert re.match(rf"{target}: {fault} (\(.*\) )?(begins|happens)", texts(run)[0])
 
@@ -79,7 +79,7 @@ def test_a_fault_of_the_cell_is_injected_and_has_an_effect(target: str, fault: s
         ("sensor-wire", "lost"),
     ],
 )
-def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault: str) -> None:
+def test_other_sensors_have_their_faults(receiver: str, target: str, fault: str) -> None:
     row = {"on": target, "fault": fault, "phase": "track", "after_s": 1.0, **NEEDED.get((target, fault), {})}
     if (receiver, target) == ("jr3-board", "sensor-wire"):
         with pytest.raises(
@@ -92,7 +92,7 @@ def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault
         assert struck(run_with(row, **NEAR, sensor=sensor), target, fault) > 0
 
 
-def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
+def test_computer_pause_needs_support_of_bridge() -> None:
     paused: list[float] = []
 
     async def main() -> None:
@@ -101,7 +101,7 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
         fault = FaultConfig.model_validate(
             {"on": "computer", "fault": "pause", "phase": "track", "with": {"seconds": 0.25}}
         )
-        with pytest.raises(ConfigError, match=r"^faults\.0: this run cannot pause its own computer$"):
+        with pytest.raises(ConfigError, match=r"^faults\.0: this run cannot pause its own process$"):
             FaultSchedule((fault,), cell, clock, lambda record: None)
         schedule = FaultSchedule((fault,), cell, clock, lambda record: None, paused.append)
         schedule.event(EventRecord(clock.now(), EventKind.PHASE, "track"))
@@ -118,7 +118,7 @@ def events(run: Result) -> list[tuple[float, str]]:
     return [(event.at, event.text) for event in run.events if event.kind == EventKind.FAULT]
 
 
-def test_a_fault_begins_and_ends_at_its_exact_times() -> None:
+def test_fault_starts_and_ends_at_exact_times() -> None:
     run = run_with(
         {
             "on": "signal",
@@ -130,8 +130,8 @@ def test_a_fault_begins_and_ends_at_its_exact_times() -> None:
         }
     )
     (tracked,) = (event.at for event in run.events if (event.kind, event.text) == (EventKind.PHASE, "track"))
-    begun, ended, _ = events(run)
-    assert begun == (tracked + 0.7, "signal: offset (axis fz, amount 3) begins for 0.4 s")
+    started, ended, _ = events(run)
+    assert started == (tracked + 0.7, "signal: offset (axis fz, amount 3) begins for 0.4 s")
     assert ended == (tracked + 0.7 + 0.4, "signal: offset ends")
 
 
@@ -145,22 +145,22 @@ def test_a_fault_begins_and_ends_at_its_exact_times() -> None:
         ("depth_mm < -3", lambda record: record.depth < -3e-3),
     ],
 )
-def test_a_condition_is_looked_at_at_the_end_of_each_cycle(when: str, reached: Callable[[Any], bool]) -> None:
+def test_fault_condition_is_checked_each_cycle(when: str, reached: Callable[[Any], bool]) -> None:
     run = run_with({"on": "pose", "fault": "frozen", "when": when, "for_s": 0.0})
     first = next((record.answered_at for record in run.cycles if reached(record)), None)
-    begun = [at for at, text in events(run) if "begins" in text]
-    assert begun == ([] if first is None else [first])
+    started = [at for at, text in events(run) if "begins" in text]
+    assert started == ([] if first is None else [first])
     if first is None:
-        assert texts(run) == ["pose: frozen never came: its phase or condition did not"]
+        assert texts(run) == ["pose: frozen never occurred: its phase or condition did not"]
 
 
-def test_a_condition_may_be_bound_to_a_phase() -> None:
+def test_fault_condition_may_depend_on_phase() -> None:
     run = run_with({"on": "pose", "fault": "frozen", "when": "cycle > 3", "phase": "track"})
     first = next(record.answered_at for record in run.cycles if record.phase == "track" and record.cycle > 3)
     assert events(run)[0][0] == first
 
 
-def test_nothing_differs_before_a_fault_begins() -> None:
+def test_run_is_unchanged_before_fault() -> None:
     clean = run_with()
     broken = run_with(
         {"on": "signal", "fault": "scale", "phase": "track", "after_s": 1.0, "with": {"factor": 2}}
@@ -173,29 +173,29 @@ def test_nothing_differs_before_a_fault_begins() -> None:
     assert texts(clean) == []
 
 
-def test_the_same_fault_gives_the_same_run() -> None:
+def test_same_fault_gives_same_run() -> None:
     row = {"on": "wire", "fault": "lost", "phase": "track", "with": {"probability": 0.01}}
     first, second = run_with(row), run_with(row)
     assert (first.cycles, first.events, first.text) == (second.cycles, second.events, second.text)
 
 
-# --- what it leads to
+# --- consequences of faults
 
 
-def test_a_lever_is_put_back_at_the_end() -> None:
+def test_fault_switch_is_restored_at_end() -> None:
     run = run_with({"on": "robot", "fault": "safeguard-stop", "phase": "connect", "for_s": 0.5})
     assert run.outcome == "completed"
     assert texts(run)[1] == "robot: safeguard-stop ends"
 
 
-def test_an_obstacle_of_the_cell_pushes_back() -> None:
+def test_cell_obstacle_pushes_back() -> None:
     obstacle = {"height_mm": 2.0, "stiffness_n_m": 20000.0}
     free, stopped = run_with(), run_with(cell={"obstacle": obstacle})
     assert min(record.force for record in free.cycles) > -2.0
     assert min(record.force for record in stopped.cycles) < -10.0
 
 
-def test_a_wrong_scale_is_what_the_bridge_reads() -> None:
+def test_wrong_scale_is_read_by_bridge() -> None:
     row = {"on": "sensor", "fault": "wrong-scales", "with": {"factor": 0.5}}
     unchecked = {"sensor": {"unchecked": True}, "task": {"unverified_depth_mm": 15.0}}
     run = run_with(row, duration_s=6.0, **unchecked)
@@ -205,14 +205,14 @@ def test_a_wrong_scale_is_what_the_bridge_reads() -> None:
         for each in (run, right)
     )
     assert wrong_depth - right_depth == pytest.approx(2e-3, abs=0.3e-3), (
-        "10 N read are 20 N, at 5 kN/m 2 mm deeper"
+        "a reading of 10 N is 20 N, 2 mm deeper at 5 kN/m"
     )
 
 
 # --- the record
 
 
-def test_the_record_holds_the_faults(tmp_path: Path) -> None:
+def test_recording_contains_faults(tmp_path: Path) -> None:
     row = {
         "on": "surface",
         "fault": "step",
@@ -224,29 +224,29 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
     config = read_config({"run": {"duration_s": 3.0}, "faults": [row]})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     recording = read(tmp_path / "run.mcap")
-    said = [event for event in recording.events if event.kind == EventKind.FAULT]
-    assert [event.text.partition(" (")[0].partition(" struck")[0] for event in said] == [
+    events = [event for event in recording.events if event.kind == EventKind.FAULT]
+    assert [event.text.partition(" (")[0].partition(" struck")[0] for event in events] == [
         "surface: step",
         "surface: step ends",
         "surface: step",
     ]
     for truth in recording.truths:
-        active = said[0].at <= truth.at < said[1].at
+        active = events[0].at <= truth.at < events[1].at
         assert truth.faults == (("surface: step",) if active else ())
     assert any(truth.faults for truth in recording.truths)
     assert read_config(json.loads(recording.metadata["config"])) == config
 
 
-# --- what is refused
+# --- refused faults
 
 
 @pytest.mark.parametrize(
     ("row", "text"),
     [
-        ({}, "faults.0: no target is called ''; known: robot, pose, wire, signal"),
+        ({}, "faults.0: unknown target ''; known: robot, pose, wire, signal"),
         (
             {"on": "signal", "fault": "melted"},
-            "faults.0: this signal cannot have 'melted'; it can have stuck",
+            "faults.0: unknown fault 'melted' for target 'signal'; known: stuck",
         ),
         (
             {"on": "signal", "fault": "scale", "with": {"axes": "fz"}},
@@ -278,7 +278,7 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         ({"on": "signal", "fault": "dead", "when": "force > " + "9" * 5000}, "faults.0.when must be one of"),
         ({"on": "signal", "fault": "dead", "phase": "end"}, "faults.0.phase: must be"),
         ({"on": "signal", "fault": "dead", "after_s": -1}, "faults.0.after_s: must be"),
-        ({"on": "signal", "fault": "dead", "why": 1}, "faults.0.why is no setting"),
+        ({"on": "signal", "fault": "dead", "why": 1}, "faults.0.why is not a setting"),
         (3, "faults.0 must be a table of settings"),
         (
             {"on": "sensor", "fault": "unplugged", "with": {"sensor": "second"}},
@@ -286,13 +286,13 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused_as_the_configuration_is_read(tmp_path: Path, row: Any, text: str) -> None:
+def test_invalid_fault_is_refused_in_configuration(tmp_path: Path, row: Any, text: str) -> None:
     with pytest.raises(ConfigError, match=r"^[^\n]+$") as refused:
         _read(tmp_path, {"faults": [row]})
     assert text in str(refused.value)
 
 
-def test_a_fault_can_come_in_every_phase_of_a_run_but_its_end() -> None:
+def test_fault_may_start_in_every_phase_except_end() -> None:
     assert set(PHASES) == {"", CONNECT, TARE, *map(str, Phase)} - {str(Phase.END)}
     for phase in PHASES:
         FaultConfig.model_validate({"on": "signal", "fault": "dead", "phase": phase})
@@ -300,14 +300,14 @@ def test_a_fault_can_come_in_every_phase_of_a_run_but_its_end() -> None:
     assert row["enum"] == [*PHASES]
 
 
-def test_the_index_of_a_wrong_fault_is_told(tmp_path: Path) -> None:
+def test_invalid_fault_names_its_index(tmp_path: Path) -> None:
     good = {"on": "signal", "fault": "dead"}
-    with pytest.raises(ConfigError, match=r"faults\.1: this wire cannot have 'tired'; it can have off"):
+    with pytest.raises(ConfigError, match=r"faults\.1: unknown fault 'tired' for target 'wire'; known: off"):
         _read(tmp_path, {"faults": [good, {"on": "wire", "fault": "tired"}]})
 
 
 class Deeper:
-    """A controller that answers a millimetre deeper in each sample."""
+    """Controller that moves a millimetre deeper in each sample."""
 
     name = "deeper"
 
@@ -318,7 +318,7 @@ class Deeper:
         return state + 1, Command((state + 1) * 1e-3, 0.0)
 
 
-def test_a_controller_lies_between_two_times_counted_from_its_first_sample() -> None:
+def test_controller_fault_has_start_and_duration() -> None:
     lying = LyingController(Deeper(), "deeper", {"mm": 100.0}, after_s=0.5, for_s=0.5, sample_ms=250.0)
     state, answers = lying.initial(), []
     for time in (10.0, 10.25, 10.5, 10.75, 11.0):
@@ -342,7 +342,7 @@ def test_a_controller_lies_between_two_times_counted_from_its_first_sample() -> 
         ),
     ],
 )
-def test_a_real_port_has_no_injected_faults(
+def test_real_port_has_no_injected_faults(
     tmp_path: Path, urls: dict[str, object], row: dict[str, Any], text: str
 ) -> None:
     with pytest.raises(ConfigError) as refused:
@@ -388,24 +388,24 @@ def test_commands_without_phases_refuse_planned_faults(
 # --- the list
 
 
-def test_the_list_has_every_fault_for_people_and_for_machines() -> None:
-    shown = CliRunner().invoke(cli, ["list", "faults"]).output
+def test_list_faults_supports_text_and_json() -> None:
+    output = CliRunner().invoke(cli, ["list", "faults"]).output
     listed = json.loads(CliRunner().invoke(cli, ["list", "faults", "--json"]).output)
     assert {target: set(faults) for target, faults in listed.items()} == {
         target: set(faults) for target, faults in CELL_FAULTS.items()
     }
     for target, fault in EVERY:
-        assert f"\n{target}\n" in f"\n{shown}"
-        assert f"\n  {fault} " in shown
+        assert f"\n{target}\n" in f"\n{output}"
+        assert f"\n  {fault} " in output
         assert set(listed[target][fault]["parameters"]) == set(CELL_FAULTS[target][fault].all_parameters)
     assert listed["signal"]["scale"]["parameters"]["for_s"]["default"] is None
 
 
-def test_a_truth_of_an_older_record_has_no_faults() -> None:
-    told = {"cycle": 1, "at": 2.0, "sampled_at": 1.9, "motion_at": None}
-    truth = {**told, "position": [0, 0, 0], "force": [0, 0, 9], "joints_deg": [0] * 6}
+def test_truth_of_old_recording_has_no_faults() -> None:
+    reported = {"cycle": 1, "at": 2.0, "sampled_at": 1.9, "motion_at": None}
+    truth = {**reported, "position": [0, 0, 0], "force": [0, 0, 9], "joints_deg": [0] * 6}
     record = TRUTH.decode(json.dumps(truth).encode())
     assert isinstance(record, TruthRecord)
     assert record.faults == ()
     with pytest.raises(ValueError, match="missing required field `force`"):
-        TRUTH.decode(json.dumps({**told, "position": [0, 0, 0]}).encode())
+        TRUTH.decode(json.dumps({**reported, "position": [0, 0, 0]}).encode())

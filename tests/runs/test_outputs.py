@@ -19,7 +19,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import Outcome, read
 from hil_bridge.record import files as files_module
 from hil_bridge.record import recorder as recorder_module
-from hil_bridge.record.files import open_record, write_whole
+from hil_bridge.record.files import open_record, write_atomically
 from hil_bridge.runs import outputs
 from tests.command_line import Command, Result
 
@@ -29,7 +29,7 @@ VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "0.5")
 
 
 def refused(result: Result) -> str:
-    """The one line that a refusal is."""
+    """Return the one-line refusal."""
     code, output, errors = result
     assert (code, output) == (2, ""), errors
     assert errors.startswith("hil-bridge: ")
@@ -44,7 +44,7 @@ def everything(folder: Path) -> list[str]:
 # --- a folder for every run
 
 
-def test_a_run_is_kept_in_a_folder_named_by_time_and_configuration(hil: Command, tmp_path: Path) -> None:
+def test_run_folder_has_time_and_configuration_name(hil: Command, tmp_path: Path) -> None:
     Path("site.toml").write_text("[task]\nforce_n = 8.0\n")
     code, output, errors = hil(*VIRTUAL, "site.toml")
     assert (code, errors) == (0, "")
@@ -58,7 +58,7 @@ def test_a_run_is_kept_in_a_folder_named_by_time_and_configuration(hil: Command,
     assert json.loads((folder / "summary.json").read_text())["force_reference_n"] == 8.0
 
 
-def test_runs_of_one_second_have_folders_of_their_own(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_in_same_second_have_separate_folders(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outputs, "wall_time", lambda: datetime(2026, 11, 22, 14, 15, 3))
     for _ in range(3):
         assert hil(*VIRTUAL, "--duration", "0.1", "--report")[0] == 0
@@ -67,7 +67,7 @@ def test_runs_of_one_second_have_folders_of_their_own(hil: Command, monkeypatch:
     assert {len(list((Path("runs") / name).iterdir())) for name in names} == {3}
 
 
-def test_a_record_that_is_named_or_not_wanted_makes_no_folder(hil: Command, tmp_path: Path) -> None:
+def test_named_or_disabled_recording_makes_no_folder(hil: Command, tmp_path: Path) -> None:
     code, output, _ = hil(*VIRTUAL, "--no-record", "--summary", "s.json")
     assert code == 0
     assert "record:" not in output
@@ -92,21 +92,21 @@ def test_a_record_that_is_named_or_not_wanted_makes_no_folder(hil: Command, tmp_
         (("--report", "."), "report.html"),
     ],
 )
-def test_what_is_there_is_kept_unless_told_otherwise(
+def test_existing_files_are_kept_by_default(
     hil: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: Sequence[str], name: str
 ) -> None:
     Path(name).write_bytes(b"an hour of work")
     with monkeypatch.context() as patched:
         patched.setattr("hil_bridge.runs.session.Session.main", lambda self: pytest.fail("it moved"))
         error = refused(hil(*VIRTUAL, *options))
-    assert f"{name} is there already; name another file, or give --overwrite" in error
-    assert everything(tmp_path) == [name], "no folder of a run either"
+    assert f"{name} already exists; name another file, or give --overwrite" in error
+    assert everything(tmp_path) == [name], "no run folder either"
     assert Path(name).read_bytes() == b"an hour of work"
     assert hil(*VIRTUAL, *options, "--overwrite")[0] == 0
     assert Path(name).read_bytes() != b"an hour of work"
 
 
-def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_commands_keep_existing_files(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     assert hil(*VIRTUAL, "--duration", "3", "--record", "r.mcap", "--report", ".")[0] == 0
     kept = Path("kept")
     kept.write_text("mine")
@@ -120,7 +120,7 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
         ("identify", "tool", "--virtual", "--save", "kept"),
         ("probe", "robot", "s3+tcp://127.0.0.1:1", "-o", "kept"),
     ):
-        assert "is there already; name another file, or give --overwrite" in refused(hil(*command)), command
+        assert "already exists; name another file, or give --overwrite" in refused(hil(*command)), command
     assert kept.read_text() == "mine"
     for command in (
         ("report", "r.mcap"),
@@ -133,42 +133,38 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
         assert command[0] == "report" or kept.read_text() != "mine", command
 
 
-def test_a_file_that_comes_between_check_and_writing_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_created_after_check_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "s.json"
     path.write_text("of another process")
-    for check in ("check_place", "check_record_place"):
+    for check in ("check_place", "check_record_path"):
         monkeypatch.setattr(files_module, check, lambda path, overwrite: None)
-    with pytest.raises(ConfigError, match="is there already"):
-        write_whole(path, b"mine")
-    with pytest.raises(ConfigError, match="is there already"):
+    with pytest.raises(ConfigError, match="already exists"):
+        write_atomically(path, b"mine")
+    with pytest.raises(ConfigError, match="already exists"):
         open_record(path, overwrite=False)
     os.mkfifo(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
-    with pytest.raises(ConfigError, match="no file but a pipe or device"):
+    with pytest.raises(ConfigError, match="is a pipe or device, not a file"):
         open_record(tmp_path / "pipe", overwrite=True)
     os.close(reader)
     assert everything(tmp_path) == ["pipe", "s.json"]
     assert path.read_text() == "of another process"
 
 
-def test_where_no_links_can_be_made_a_file_is_still_new(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_is_created_without_hard_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_links(*_: object) -> None:
         raise PermissionError(errno.EPERM, "Operation not permitted")
 
     monkeypatch.setattr(os, "link", no_links)
-    write_whole(tmp_path / "s.json", b"mine")
+    write_atomically(tmp_path / "s.json", b"mine")
     monkeypatch.setattr(files_module, "check_place", lambda path, overwrite: None)
-    with pytest.raises(ConfigError, match="is there already"):
-        write_whole(tmp_path / "s.json", b"yours")
+    with pytest.raises(ConfigError, match="already exists"):
+        write_atomically(tmp_path / "s.json", b"yours")
     assert everything(tmp_path) == ["s.json"]
     assert (tmp_path / "s.json").read_bytes() == b"mine"
 
 
-def test_a_record_that_another_run_writes_is_not_emptied(tmp_path: Path) -> None:
+def test_recording_in_use_is_not_truncated(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with open_record(path, overwrite=False) as file:
         file.write(b"so far")
@@ -184,37 +180,37 @@ def test_a_record_that_another_run_writes_is_not_emptied(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("place", "message"),
+    ("target", "message"),
     [
-        ("pipe", "no file but a pipe or device"),
-        ("/dev/null", "no file but a pipe or device"),
-        ("link", "no file but a pipe or device"),
+        ("pipe", "is a pipe or device, not a file"),
+        ("/dev/null", "is a pipe or device, not a file"),
+        ("link", "is a pipe or device, not a file"),
         (".", "it is a folder; name a file in it"),
     ],
 )
-def test_a_record_goes_into_a_file_or_the_run_is_refused(hil: Command, place: str, message: str) -> None:
+def test_recording_to_non_file_is_refused(hil: Command, target: str, message: str) -> None:
     os.mkfifo("pipe")
     Path("link").symlink_to("/dev/null")
     for options in ((), ("--overwrite",)):
-        assert message in refused(hil(*VIRTUAL, "--record", place, *options))
+        assert message in refused(hil(*VIRTUAL, "--record", target, *options))
 
 
-def test_a_folder_without_permission_is_refused(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_folder_without_permission_is_refused(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "closed")
     assert "cannot write into closed: no permission" in refused(hil(*VIRTUAL, "--record", "closed/r.mcap"))
 
 
 @pytest.mark.parametrize("options", [(), ("--record", "r.mcap"), ("--no-record",)])
-def test_a_disk_that_is_nearly_full_is_refused(
+def test_nearly_full_disk_is_refused(
     hil: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: Sequence[str]
 ) -> None:
     monkeypatch.setattr(outputs.shutil, "disk_usage", lambda folder: SimpleNamespace(free=49_000_000))
-    assert "49 MB are free there, 50 MB are the least" in refused(hil(*VIRTUAL, *options))
+    assert "49 MB are free, but at least 50 MB are needed" in refused(hil(*VIRTUAL, *options))
     assert everything(tmp_path) in ([], ["runs"])
 
 
 class FullDisk(io.BytesIO):
-    """A file on a disk that takes so many bytes."""
+    """File on a disk with room for this many bytes."""
 
     def __init__(self, path: Path, room: int) -> None:
         super().__init__()
@@ -243,19 +239,17 @@ def fill(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
     monkeypatch.setattr(recorder_module, "open_record", opened)
 
 
-def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[tuple[str, int]] = []
+def test_full_disk_is_reported_at_once_and_at_end(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    reported: list[tuple[str, int]] = []
 
     def tell(self: Any, recorder: Any, log: Any, view: Any) -> None:
-        if recorder.trouble and not told:
-            told.append((recorder.trouble, self.notes.cycles))
+        if recorder.trouble and not reported:
+            reported.append((recorder.trouble, self.notes.cycles))
 
-    monkeypatch.setattr("hil_bridge.runs.session.Session._look_at", tell)
+    monkeypatch.setattr("hil_bridge.runs.session.Session._check_recorder", tell)
     fill(monkeypatch, 120_000)
     code, output, errors = hil("run", "--virtual", "--no-view", "--duration", "30", "--summary", "s.json")
-    ((text, cycles),) = told
+    ((text, cycles),) = reported
     assert text == "is incomplete: No space left on device"
     assert 10 < cycles < 150, "long before the end of some 200 cycles"
     assert code == 3
@@ -267,7 +261,7 @@ def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
     assert (summary["outcome"], summary["truncated"]) == (Outcome.COMPLETED, True)
 
 
-def test_what_fails_in_mid_run_is_said_while_it_runs(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_failure_is_reported_during_run(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     fill(monkeypatch, 120_000)
     code, _, errors = hil("run", "--virtual", "--no-view", "--duration", "30")
     assert code == 3
@@ -275,7 +269,7 @@ def test_what_fails_in_mid_run_is_said_while_it_runs(hil: Command, monkeypatch: 
     assert at_once == f"{at_the_end}; the run continues"
 
 
-def test_a_full_disk_is_told_before_the_movement(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_is_reported_before_movement(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     fill(monkeypatch, 100)
     monkeypatch.setattr("hil_bridge.runs.compose.open_devices", lambda *_: pytest.fail("a device was opened"))
     code, output, errors = hil(*VIRTUAL)
@@ -284,7 +278,7 @@ def test_a_full_disk_is_told_before_the_movement(hil: Command, monkeypatch: pyte
 
 
 @pytest.mark.full
-def test_a_limit_of_the_system_is_told_as_well(tmp_path: Path) -> None:
+def test_file_size_limit_is_reported(tmp_path: Path) -> None:
     limited = (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000)); "
         "from hil_bridge.cli import main; main()"

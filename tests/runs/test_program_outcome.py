@@ -1,4 +1,4 @@
-"""The lines on the steps of a program, and the exit code that their criteria make."""
+"""Report lines of the steps of a program, and the exit code from their criteria."""
 
 import json
 from pathlib import Path
@@ -56,58 +56,58 @@ def record(
     )
 
 
-def test_a_step_is_told_with_its_seconds_way_force_and_criterion() -> None:
-    record_ = record(2, "2 (track)", 0.95, text="force within ±1 N: 95.0 % of the way, wanted 90 %")
+def test_step_report_has_time_path_force_criterion() -> None:
+    record_ = record(2, "2 (track)", 0.95, text="force within ±1 N: 95.0 % of the path, required 90 %")
     (line,) = step_lines(step_outcomes([record_]))
     assert line == (
         "  step 2 (track)  2.0 s, 50.0 mm, 9.88 N mean, "
-        "criterion passed: force within ±1 N: 95.0 % of the way, wanted 90 %"
+        "criterion passed: force within ±1 N: 95.0 % of the path, required 90 %"
     )
 
 
-def test_a_found_place_is_told_in_mm_with_its_name() -> None:
-    found = StepRecord(at=3.0, step=1, label="1 (seek)", began_at=1.0, name="edge", found=(0.9, 0.0, 0.59))
-    (outcome,) = step_outcomes([found])
+def test_step_report_has_position_in_mm_and_name() -> None:
+    result = StepRecord(at=3.0, step=1, label="1 (seek)", began_at=1.0, name="edge", found=(0.9, 0.0, 0.59))
+    (outcome,) = step_outcomes([result])
     assert outcome.found_mm == pytest.approx((900.0, 0.0, 590.0))
     assert step_lines([outcome]) == ["  step 1 (seek)  2.0 s, edge at 900.00 0.00 590.00 mm"]
 
 
-def test_of_many_passes_the_first_the_last_and_the_failed_are_told() -> None:
+def test_repeat_report_has_first_last_and_failed_passes() -> None:
     records: list[StepRecord] = []
     for turn in range(1, 101):
-        for place, word in enumerate(("track", "retract", "move"), 1):
+        for number, word in enumerate(("track", "retract", "move"), 1):
             failed = turn == 40 and word == "track"
-            label = f"2.{place} ({word}, pass {turn})"
+            label = f"2.{number} ({word}, pass {turn})"
             within = 0.5 if failed else None
             records.append(record(len(records) + 1, label, within, not failed, pass_number=turn))
     lines = step_lines(step_outcomes([record(0, "1 (approach)"), *records]))
-    told = [line.split("  ")[1] for line in lines]
-    assert told == [
+    reported = [line.split("  ")[1] for line in lines]
+    assert reported == [
         "step 1 (approach)",
         "step 2.1 (track, pass 1)",
         "step 2.2 (retract, pass 1)",
         "step 2.3 (move, pass 1)",
-        "… 114 steps more, all done",
+        "… 114 more steps, all done",
         "step 2.1 (track, pass 40)",
-        "… 179 steps more, all done",
+        "… 179 more steps, all done",
         "step 2.1 (track, pass 100)",
         "step 2.2 (retract, pass 100)",
         "step 2.3 (move, pass 100)",
     ]
 
 
-def test_failures_beyond_the_tenth_of_a_repeat_are_counted() -> None:
+def test_repeat_report_counts_failures_beyond_ten() -> None:
     records = [
         record(turn, f"1.1 (track, pass {turn})", 0.1, passed=False, pass_number=turn)
         for turn in range(1, 31)
     ]
     steps = step_outcomes(records)
-    assert step_lines(steps)[-2] == "  … 19 steps more, 19 of them FAILED"
+    assert step_lines(steps)[-2] == "  … 19 more steps, 19 of them FAILED"
     assert failed_criteria(steps).startswith("criterion failed in 30 steps: 1.1 (track, pass 1), ")
     assert failed_criteria(steps).endswith(", 1.1 (track, pass 10) and 20 more")
 
 
-def test_a_step_that_was_cut_did_not_fail_its_criterion_as_long_as_it_met_it() -> None:
+def test_interrupted_step_may_meet_its_criterion() -> None:
     good, bad = (record(1, "1 (track)", within, False, "the link broke") for within in (0.95, 0.85))
     good_step, bad_step = step_outcomes([good, bad])
     assert not good_step.criterion_failed
@@ -116,7 +116,7 @@ def test_a_step_that_was_cut_did_not_fail_its_criterion_as_long_as_it_met_it() -
 
 
 @pytest.mark.parametrize(("percent", "code"), [(20.0, 0), (100.0, 4)])
-def test_a_completed_run_whose_criterion_failed_ends_with_exit_code_4(
+def test_failed_criterion_gives_exit_code_4(
     percent: float,
     code: int,
     tmp_path: Path,
@@ -126,24 +126,24 @@ def test_a_completed_run_whose_criterion_failed_ends_with_exit_code_4(
     criterion = f"criterion = {{ within_n = 1.0, for_percent = {percent} }}"
     config.write_text(PROGRAM.format(criterion=criterion))
     arguments = ("run", str(config), "--robot", "egm", "--virtual", "--no-view")
-    given, output, errors = hil(*arguments, "--record", file, "--summary", summary)
-    assert given == code, errors
+    exit_code, output, errors = hil(*arguments, "--record", file, "--summary", summary)
+    assert exit_code == code, errors
     assert output.startswith("completed\n  step 1 (approach)  ")
     assert ("criterion FAILED" in output) == (code == 4)
     assert errors.startswith("hil-bridge: criterion failed in step 2 (track): force within") == (code == 4)
-    told = json.loads(summary.read_text())
-    assert [step["label"] for step in told["steps"]] == ["1 (approach)", "2 (track)", "3 (retract)"]
-    assert told["criteria_failed"] == (["2 (track)"] if code else [])
-    touch = told["steps"][0]
+    data = json.loads(summary.read_text())
+    assert [step["label"] for step in data["steps"]] == ["1 (approach)", "2 (track)", "3 (retract)"]
+    assert data["criteria_failed"] == (["2 (track)"] if code else [])
+    touch = data["steps"][0]
     assert touch["name"] == "touch"
     assert touch["found_mm"][2] == pytest.approx(590.0, abs=0.5)
-    found = summarise(read(file))
-    assert found.steps[1].way_mm == pytest.approx(10.0, abs=0.5)
-    assert found.outcome == "completed"
+    result = summarise(read(file))
+    assert result.steps[1].way_mm == pytest.approx(10.0, abs=0.5)
+    assert result.outcome == "completed"
 
 
 @pytest.mark.full
-def test_a_run_that_an_error_stops_says_in_which_step(tmp_path: Path, hil: Command) -> None:
+def test_run_stopped_by_error_names_step(tmp_path: Path, hil: Command) -> None:
     config, file = tmp_path / "task.toml", tmp_path / "run.mcap"
     text = PROGRAM.format(criterion="")
     config.write_text(f'{text}\n[[faults]]\non = "robot"\nfault = "emergency-stop"\nphase = "track"\n')
@@ -157,6 +157,6 @@ def test_a_run_that_an_error_stops_says_in_which_step(tmp_path: Path, hil: Comma
     recording = read(file)
     (_, cut) = summarise(recording).steps
     (stop,) = (event.at for event in recording.events if event.kind == EventKind.STOP)
-    assert recording.steps[1].at == pytest.approx(stop, abs=1e-6), "without the time of the way out"
+    assert recording.steps[1].at == pytest.approx(stop, abs=1e-6), "without the time of the retraction"
     assert (cut.label, cut.passed) == ("2 (track)", False)
     assert ", in step 2 (track)" in cut.text

@@ -19,7 +19,7 @@ def record(path: Path, seed: int) -> bytes:
 
 
 @pytest.mark.full
-def test_the_same_seed_gives_the_same_bytes_in_every_process(tmp_path: Path) -> None:
+def test_same_seed_gives_same_bytes_in_every_process(tmp_path: Path) -> None:
     here = record(tmp_path / "here.mcap", seed=7)
     assert record(tmp_path / "again.mcap", seed=7) == here
     there = tmp_path / "there.mcap"
@@ -29,7 +29,7 @@ def test_the_same_seed_gives_the_same_bytes_in_every_process(tmp_path: Path) -> 
     assert there.read_bytes() == here
 
 
-def test_another_seed_gives_another_run(tmp_path: Path) -> None:
+def test_different_seed_gives_different_run(tmp_path: Path) -> None:
     record(tmp_path / "a.mcap", seed=1)
     record(tmp_path / "b.mcap", seed=2)
     a, b = read(tmp_path / "a.mcap"), read(tmp_path / "b.mcap")

@@ -1,4 +1,4 @@
-"""Deciding a recorded run again: the same commands to the bit, or the first that differs."""
+"""Replay of a recorded run: exactly the same commands, or the first difference."""
 
 import os
 import re
@@ -24,7 +24,7 @@ from tests.recordings import Recordings
 
 @pytest.fixture
 def recording(recordings: Recordings) -> Path:
-    """A run of more than 50 cycles."""
+    """Run of more than 50 cycles."""
     adaptive = {"controller": {"name": "fuzzy-adaptive"}, "frame": {"follow_normal": True}}
     return recordings.path(merged(CLOSE, {**adaptive, "run": {"duration_s": 8.5}}))
 
@@ -35,7 +35,7 @@ def differences(recording: Recording, forced: bool = False, **changes: object) -
 
 
 def changed(recording: Recording, number: int, **sample: Any) -> Recording:
-    """The recording with other inputs in one cycle."""
+    """Return the recording with other inputs in one cycle."""
     cycles = list(recording.cycles)
     before = cycles[number].sample
     assert before is not None
@@ -43,7 +43,7 @@ def changed(recording: Recording, number: int, **sample: Any) -> Recording:
     return replace(recording, cycles=tuple(cycles))
 
 
-def test_every_command_of_a_run_is_decided_again_to_the_bit(recording: Path) -> None:
+def test_replay_reproduces_every_command_exactly(recording: Path) -> None:
     record = read(recording)
     assert len(record.cycles) > 50
     assert {cycle.phase for cycle in record.cycles} == {"approach", "track", "retract"}
@@ -51,7 +51,7 @@ def test_every_command_of_a_run_is_decided_again_to_the_bit(recording: Path) -> 
     assert differences(record, forced=True) == []
 
 
-def test_one_other_input_changes_the_commands_from_its_cycle_on(recording: Path) -> None:
+def test_replay_changed_input_changes_later_commands(recording: Path) -> None:
     record = read(recording)
     number = next(c.cycle for c in record.cycles if c.phase == "track") + 10
     sample = record.cycles[number].sample
@@ -59,7 +59,7 @@ def test_one_other_input_changes_the_commands_from_its_cycle_on(recording: Path)
     assert differences(changed(record, number, force=sample.force + 1.0))[0] == number
 
 
-def test_a_run_that_was_stopped_is_replayed_with_its_stop(bench: Callable[..., Any], recording: Path) -> None:
+def test_replay_reproduces_stop(bench: Callable[..., Any], recording: Path) -> None:
     run = bench(
         run={"duration_s": 5.0},
         task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.0},
@@ -72,7 +72,7 @@ def test_a_run_that_was_stopped_is_replayed_with_its_stop(bench: Callable[..., A
     assert [c for c in replay(Recording(cycles), run.config, forced=False) if c.differences] == []
 
 
-def test_another_controller_is_asked_in_the_real_situations(recording: Path) -> None:
+def test_replay_other_controller_gets_recorded_inputs(recording: Path) -> None:
     record = read(recording)
     config = recorded_config(record, changes_of(None, "pi"))
     assert config.controller.parameters == {}
@@ -82,7 +82,7 @@ def test_another_controller_is_asked_in_the_real_situations(recording: Path) -> 
     assert max(abs(c.decision.target.depth - c.record.depth_commanded) for c in cycles) < 5e-3
 
 
-def test_tighter_limits_show_where_they_would_have_stopped_the_run(recording: Path, tmp_path: Path) -> None:
+def test_replay_with_tighter_limits_shows_stop(recording: Path, tmp_path: Path) -> None:
     record = read(recording)
     along = {c.cycle: max(c.sample.force, c.sample.peak_force) for c in record.cycles if c.sample is not None}
     highest = max(along.values())
@@ -95,7 +95,7 @@ def test_tighter_limits_show_where_they_would_have_stopped_the_run(recording: Pa
     assert stops[0] == next(cycle for cycle, force in along.items() if force > highest - 0.1)
 
 
-def test_a_cycle_missing_in_the_record_ends_the_replay(recording: Path) -> None:
+def test_replay_ends_at_missing_cycle(recording: Path) -> None:
     record = read(recording)
     gap = replace(record, cycles=record.cycles[:5] + record.cycles[6:])
     with pytest.raises(ConfigError, match="inputs of cycle 5 are not in the recording"):
@@ -103,7 +103,7 @@ def test_a_cycle_missing_in_the_record_ends_the_replay(recording: Path) -> None:
 
 
 @pytest.mark.parametrize("config", ["", "{}}", '{"run": {"speed": 3}}'])
-def test_a_foreign_configuration_is_refused_in_one_line(recording: Path, config: str) -> None:
+def test_replay_refuses_other_version_in_one_line(recording: Path, config: str) -> None:
     record = replace(read(recording), metadata={"config": config})
     with pytest.raises(ConfigError) as refused:
         recorded_config(record, {})
@@ -111,7 +111,7 @@ def test_a_foreign_configuration_is_refused_in_one_line(recording: Path, config:
     assert "\n" not in str(refused.value)
 
 
-def test_a_recording_that_names_no_setting_has_the_defaults(recording: Path) -> None:
+def test_replay_uses_defaults_for_missing_settings(recording: Path) -> None:
     record = replace(read(recording), metadata={"config": "{}"})
     assert recorded_config(record, changes_of(None, "pi")).controller.name == "pi"
     assert recorded_config(record, {}) == read_config({})
@@ -136,7 +136,7 @@ class Own:
 """
 
 
-def test_a_controller_that_is_not_installed_is_named_with_its_package(tmp_path: Path) -> None:
+def test_replay_names_missing_controller_package(tmp_path: Path) -> None:
     package = tmp_path / "own_control-1.2.dist-info"
     package.mkdir()
     (tmp_path / "own_law.py").write_text(OWN_LAW)
@@ -150,16 +150,16 @@ def test_a_controller_that_is_not_installed_is_named_with_its_package(tmp_path: 
         recorded_config(record, {})
     assert str(refused.value) == (
         "the recording was made with the controller 'own-law', which is not installed here: install own-control 1.2, "
-        "or ask another by `hil-bridge replay --controller NAME`"
+        "or choose another by `hil-bridge replay --controller NAME`"
     )
     assert recorded_config(record, changes_of(None, "pi")).controller.name == "pi"
     unknown = replace(record, metadata={"config": record.metadata["config"]})
-    with pytest.raises(ConfigError, match="install the package that offers it, or ask another"):
+    with pytest.raises(ConfigError, match="install the package that provides it, or choose another"):
         recorded_config(unknown, {})
 
 
 @pytest.mark.parametrize("controller", [None, "pi"])
-def test_a_change_that_is_no_table_is_refused_in_one_line(
+def test_replay_refuses_change_that_is_not_a_table(
     recording: Path, tmp_path: Path, controller: str | None
 ) -> None:
     file = tmp_path / "changes.toml"
@@ -176,7 +176,7 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 
 
 def changed_file(recording: Path, folder: Path) -> Path:
-    """The recording with another force in its cycle 30."""
+    """Recording with another force in its cycle 30."""
     record, path = read(recording), folder / "broken.mcap"
     sample = record.cycles[30].sample
     assert sample is not None
@@ -187,21 +187,21 @@ def changed_file(recording: Path, folder: Path) -> Path:
     return path
 
 
-def test_the_command_tells_the_first_difference_and_ends_with_1(
+def test_replay_command_reports_difference_with_code_1(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = read(recording)
     assert command(monkeypatch, str(recording)) == 0
     assert f"{len(record.cycles)} cycles replayed, every command identical" in capsys.readouterr().out
     assert command(monkeypatch, str(changed_file(recording, tmp_path))) == 1
-    told = capsys.readouterr().out
-    assert "cycle 30 of" in told
-    assert "depth_commanded: recorded" in told
+    message = capsys.readouterr().out
+    assert "cycle 30 of" in message
+    assert "depth_commanded: recorded" in message
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--controller", "fuzzy"), 0), (("differs",), 1)])
-def test_a_reader_that_has_left_does_not_change_the_exit_code(
+def test_replay_closed_pipe_keeps_exit_code(
     recording: Path, tmp_path: Path, arguments: tuple[str, ...], code: int
 ) -> None:
     """As `| head -1`: 1 means that a command differs, and nothing else."""
@@ -216,24 +216,24 @@ def test_a_reader_that_has_left_does_not_change_the_exit_code(
     assert (done.returncode, done.stderr) == (code, "")
 
 
-def test_the_command_says_that_other_limits_would_have_stopped(
+def test_replay_command_reports_stop_by_other_limits(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     limits = tmp_path / "limits.toml"
     limits.write_text("[limits]\nforce_limit_n = 5.0\n[task]\nforce_n = 4.0\n")
     assert command(monkeypatch, str(recording), str(limits)) == 0
-    told = capsys.readouterr().out
+    message = capsys.readouterr().out
     assert re.search(
         r"the supervisor would have stopped the run in \d+ more; first in \d+: contact force .* beyond 5 N",
-        told,
+        message,
     )
 
 
-def test_the_command_shows_what_another_controller_would_have_done(
+def test_replay_command_shows_other_controller(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = tmp_path / "replay.csv"
     assert command(monkeypatch, str(recording), "--controller", "fuzzy", "--csv", str(table)) == 0
-    told = capsys.readouterr().out
-    assert "first difference: cycle" in told
+    message = capsys.readouterr().out
+    assert "first difference: cycle" in message
     assert len(table.read_text().splitlines()) == len(read(recording).cycles) + 1

@@ -1,4 +1,4 @@
-"""A program that was cut continues where its force was last held, and presses nowhere on the way there."""
+"""An interrupted program continues where its force was last controlled, and moves there without contact."""
 
 import dataclasses
 import math
@@ -21,10 +21,10 @@ pytestmark = pytest.mark.sweep
 
 STROKES = 4
 LENGTH_MM, GAP_MM = 8.0, 4.0
-"""Strokes lie one behind the other along x."""
+"""Length of the strokes, and the gap between them, along x."""
 OVERLAP_MM = 2.0
 CYCLE_MM = 1.5
-"""Way of one cycle of the slowest robot here, and its tail, mm."""
+"""Distance of one cycle of the slowest robot here, with its lag, mm."""
 PROGRAM = """
 [run]
 seed = 5
@@ -60,10 +60,10 @@ STOPS = {"s3": "emergency-stop", "egm": "motors-off"}
 
 
 def ran(*arguments: str | Path) -> tuple[int, str]:
-    told = CliRunner().invoke(cli, ["run", *map(str, arguments), "--virtual", "--no-view", "--overwrite"])
-    if isinstance(told.exception, BridgeError):
-        return told.exception.exit_code, str(told.exception)
-    return told.exit_code, told.output
+    result = CliRunner().invoke(cli, ["run", *map(str, arguments), "--virtual", "--no-view", "--overwrite"])
+    if isinstance(result.exception, BridgeError):
+        return result.exception.exit_code, str(result.exception)
+    return result.exit_code, result.output
 
 
 def cut_by(robot: str, folder: Path, depth: str = "travel_mm > 27") -> tuple[Path, str]:
@@ -72,21 +72,21 @@ def cut_by(robot: str, folder: Path, depth: str = "travel_mm > 27") -> tuple[Pat
     fault = f'\n[[faults]]\non = "robot"\nfault = "{STOPS[robot]}"\nphase = "track"\nwhen = "{depth}"\n'
     pace = PROGRAM.replace("\n[run]\nseed = 5\n", OFTEN) if robot == "egm" else PROGRAM
     config.write_text(pace + fault, encoding="utf-8")
-    code, told = ran(config, "--robot", robot, "--record", record)
-    assert code == 3, told
-    return record, told
+    code, output = ran(config, "--robot", robot, "--record", record)
+    assert code == 3, output
+    return record, output
 
 
 def covered(recording: Recording) -> set[int]:
     """Millimetres of the x axis over which the tool went while it pressed on its path."""
-    found: set[int] = set()
+    result: set[int] = set()
     before = None
     for cycle in recording.cycles:
         at = cycle.travel_commanded * 1e3
         if cycle.phase == "track" and cycle.in_contact and before is not None:
-            found |= set(range(math.floor(before + 1e-6), math.ceil(at - 1e-6)))
+            result |= set(range(math.floor(before + 1e-6), math.ceil(at - 1e-6)))
         before = at
-    return found
+    return result
 
 
 @pytest.fixture(scope="module", params=sorted(STOPS))
@@ -96,30 +96,30 @@ def pair(
     """A run that was cut, the one that resumed it, and what was printed."""
     folder = tmp_path_factory.mktemp(request.param)
     record, _ = cut_by(request.param, folder)
-    code, told = ran("--resume", record, "--record", folder / "rest.mcap")
-    assert code == 0, told
-    return read(record), read(folder / "rest.mcap"), told
+    code, output = ran("--resume", record, "--record", folder / "rest.mcap")
+    assert code == 0, output
+    return read(record), read(folder / "rest.mcap"), output
 
 
 @pytest.mark.full
-def test_the_cut_step_is_told_with_its_cause(pair: tuple[Recording, Recording, Any]) -> None:
-    cut, _, told = pair
+def test_interrupted_step_is_reported_with_cause(pair: tuple[Recording, Recording, Any]) -> None:
+    cut, _, output = pair
     assert cut.steps[-1].step == THIRD_TRACK
     assert not cut.steps[-1].passed
-    assert "resuming step 11 (track)" in told
+    assert "resuming step 11 (track)" in output
 
 
 @pytest.mark.full
-def test_every_place_is_covered_once_or_within_the_overlap(pair: tuple[Recording, Recording, Any]) -> None:
+def test_resumed_run_covers_path_with_overlap(pair: tuple[Recording, Recording, Any]) -> None:
     first, second = map(covered, pair[:2])
     for number in range(STROKES):
-        begin = number * (LENGTH_MM + GAP_MM)
-        assert set(range(math.ceil(begin), math.floor(begin + LENGTH_MM))) <= first | second
-    # what robot and sensor had not told yet comes to the overlap
+        start = number * (LENGTH_MM + GAP_MM)
+        assert set(range(math.ceil(start), math.floor(start + LENGTH_MM))) <= first | second
+    # data that robot and sensor had not yet reported add to the overlap
     assert len(first & second) <= OVERLAP_MM + 3 * CYCLE_MM + 1
 
 
-def test_nothing_is_pressed_on_the_way_over(pair: tuple[Recording, Recording, Any]) -> None:
+def test_resumed_run_moves_without_contact(pair: tuple[Recording, Recording, Any]) -> None:
     recording = pair[1]
     free = {cycle.cycle for cycle in recording.cycles if cycle.phase in ("move", "zero")}
     assert free
@@ -127,27 +127,27 @@ def test_nothing_is_pressed_on_the_way_over(pair: tuple[Recording, Recording, An
     assert max(forces) == 0.0
 
 
-def test_a_resumed_run_replays_identically(pair: tuple[Recording, Recording, Any]) -> None:
+def test_resumed_run_replays_identically(pair: tuple[Recording, Recording, Any]) -> None:
     for recording in pair[:2]:
         assert not any(cycle.differences for cycle in replay(recording, recorded_config(recording, {}), True))
 
 
-def test_a_resumed_run_that_is_cut_is_resumed_again(tmp_path: Path) -> None:
+def test_resumed_run_can_be_resumed_again(tmp_path: Path) -> None:
     record, _ = cut_by("s3", tmp_path)
     middle = tmp_path / "middle.mcap"
     changed = resuming.resume_config(read(record), {"faults": ()})
     assert changed.task.resume is not None
     assert changed.task.resume.leg == THIRD_TRACK - 1
     # the second cut comes before the step has been reached: in the move over
-    code, told = resumed_with_fault(record, middle)
-    assert code == 3, told
+    code, output = resumed_with_fault(record, middle)
+    assert code == 3, output
     again = resuming.resume_config(read(middle), {})
     assert again.task.resume == changed.task.resume
-    code, told = ran("--resume", middle, "--record", tmp_path / "end.mcap")
-    assert code == 0, told
+    code, output = ran("--resume", middle, "--record", tmp_path / "end.mcap")
+    assert code == 0, output
 
 
-def test_a_run_that_is_cut_in_a_retract_goes_on_with_the_step_behind_it(tmp_path: Path) -> None:
+def test_run_cut_in_retract_resumes_with_next_step(tmp_path: Path) -> None:
     """The run itself has retracted the tool, or an operator has."""
     config, record = tmp_path / "program.toml", tmp_path / "cut.mcap"
     fault = '\n[[faults]]\non = "robot"\nfault = "motors-off"\nphase = "retract"\n'
@@ -157,70 +157,68 @@ def test_a_run_that_is_cut_in_a_retract_goes_on_with_the_step_behind_it(tmp_path
     assert cut.cycles[-1].step == RETRACT
     point = resuming.resume_config(cut, {}).task.resume
     assert point is not None
-    assert (point.leg, point.way_mm) == (RETRACT, 0.0), "legs count from 0: it is the one behind the retract"
+    assert (point.leg, point.way_mm) == (RETRACT, 0.0), "legs count from 0: it is the one after the retract"
 
 
 def resumed_with_fault(record: Path, target: Path) -> tuple[int, str]:
-    """Resume, and press the emergency stop on the way over."""
-    whole = resuming.resume_config
+    """Resume, and press the emergency stop during the move to the position."""
+    original = resuming.resume_config
 
     def with_fault(*arguments: Any) -> Any:
         fault = FaultConfig(on="robot", fault="emergency-stop", phase="move", after_s=1.0)
-        return whole(*arguments).model_copy(update={"faults": (fault,)})
+        return original(*arguments).model_copy(update={"faults": (fault,)})
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(resuming, "resume_config", with_fault)
         return ran("--resume", record, "--record", target)
 
 
-def test_a_run_that_completed_is_not_resumed(tmp_path: Path) -> None:
+def test_completed_run_is_not_resumed(tmp_path: Path) -> None:
     config, record = tmp_path / "whole.toml", tmp_path / "whole.mcap"
     config.write_text(PROGRAM, encoding="utf-8")
     assert ran(config, "--record", record)[0] == 0
-    code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
+    code, output = ran("--resume", record, "--record", tmp_path / "x.mcap")
     assert code == 2
-    assert "completed: there is nothing to resume" in told
+    assert "completed: there is nothing to resume" in output
 
 
-def test_a_run_without_a_program_is_not_resumed(tmp_path: Path) -> None:
+def test_run_without_program_is_not_resumed(tmp_path: Path) -> None:
     record = tmp_path / "plain.mcap"
     assert ran("--duration", "1", "--record", record)[0] == 0
-    code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
+    code, output = ran("--resume", record, "--record", tmp_path / "x.mcap")
     assert code == 2
-    assert "no program" in told
+    assert "no program" in output
 
 
-def test_a_tool_that_stands_otherwise_is_refused(tmp_path: Path) -> None:
+def test_resume_with_other_orientation_is_refused(tmp_path: Path) -> None:
     record, _ = cut_by("s3", tmp_path)
-    whole = resuming.resume_config
+    original = resuming.resume_config
 
     def turned(*arguments: Any) -> Any:
-        config = whole(*arguments)
+        config = original(*arguments)
         cell = dataclasses.replace(config.cell, start_quaternion=(0.0, 0.99619, 0.08716, 0.0))
         return config.model_copy(update={"cell": cell})
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(resuming, "resume_config", turned)
-        code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
+        code, output = ran("--resume", record, "--record", tmp_path / "x.mcap")
     assert code == 2
-    assert "turned by 10.0° from the start of the recorded run" in told
+    assert "turned by 10.0° from the start of the recorded run" in output
     assert ROWS[Cause.START_TURNED].exit_code == code
 
 
-def test_the_resumed_recording_is_never_written_over_and_names_the_next(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resumed_recording_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     record, _ = cut_by("s3", tmp_path)
     before = record.read_bytes()
-    code, told = ran("--resume", record, "--record", record)
+    code, output = ran("--resume", record, "--record", record)
     assert code == 2
-    assert "would overwrite the recording that is resumed" in told
+    assert "would overwrite the recording that is resumed" in output
     assert record.read_bytes() == before
     folder = tmp_path / "runs" / "2026-11-22-1415-03-polish"
     folder.mkdir(parents=True)
     kept = record.rename(folder / "run.mcap")
     assert ran("--resume", kept)[0] == 0
-    (new,) = (place for place in (tmp_path / "runs").iterdir() if place != folder)
+    (new,) = (path for path in (tmp_path / "runs").iterdir() if path != folder)
     assert new.name.endswith("-polish")
     assert new.name.count("-") == folder.name.count("-")

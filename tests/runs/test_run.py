@@ -1,4 +1,4 @@
-"""The closed loop against the emulated cell, over paced memory wires, in virtual time: its cycle and its ends."""
+"""Closed loop with the emulated cell over paced in-memory wires, in virtual time: its cycle and its ends."""
 
 import math
 import statistics
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.sweep
 
 
 def after(cycles: int, act: Callable[[Bench], object]) -> Callable[[Bench, CycleRecord], None]:
-    """Meddle once, when that many cycles have tracked the surface."""
+    """Call a function once, after this many cycles of tracking."""
 
     def meddle(bench: Bench, record: CycleRecord) -> None:
         if len(bench.tracked()) == cycles and record.phase == "track":
@@ -36,12 +36,12 @@ def after(cycles: int, act: Callable[[Bench], object]) -> Callable[[Bench, Cycle
 
 @pytest.fixture(scope="module")
 def plain(bench: RunBench) -> Bench:
-    """A run at the defaults that only is looked at."""
+    """Run with the defaults, for inspection only."""
     return bench()
 
 
 class Listening:
-    """A controller that only notes what it is given."""
+    """Controller that only stores its inputs."""
 
     name = "listening"
 
@@ -61,9 +61,7 @@ class Listening:
         return None, Command(measurement.commanded + move, 0.0)
 
 
-def test_force_and_position_of_a_pair_are_of_the_same_moment(
-    bench: RunBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pair_has_force_and_position_of_same_time(bench: RunBench, monkeypatch: pytest.MonkeyPatch) -> None:
     listening = Listening()
     monkeypatch.setattr("hil_bridge.runs.pace.make_controller", lambda *_, **__: listening)
     bench(
@@ -87,9 +85,7 @@ def test_ages_follow_the_profiles() -> None:
     assert GatewayClientProfile(cutoff_hz=0.0).delay == 0.0
 
 
-def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(
-    bench: RunBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_raising_controller_is_named_and_retracts(bench: RunBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.runs.pace.make_controller", lambda *_, **__: Listening(fails_after=5))
     run = bench()
     assert run.result.outcome is Outcome.STOPPED
@@ -101,14 +97,14 @@ def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(
     assert run.true_force == 0.0
 
 
-def test_the_tool_moves_a_millimetre_along_the_surface_each_cycle(plain: Bench) -> None:
+def test_tool_travels_1_mm_per_cycle(plain: Bench) -> None:
     track = plain.tracked()
     travel = [record.travel_commanded for record in track]
     assert travel == pytest.approx([k * 1e-3 for k in range(1, len(track) + 1)])
     assert track[-1].sample.position[1] - track[0].sample.position[1] == pytest.approx(travel[-2], abs=0.003)
 
 
-def test_a_cycle_takes_the_line_and_two_turnarounds(plain: Bench) -> None:
+def test_cycle_takes_line_and_two_turnarounds(plain: Bench) -> None:
     floor = line_floor(LinkProfile())
     assert floor == pytest.approx(136 * 11 / 9600)  # computer-link specification, section 5
     times = [record.answered_at - record.started_at for record in plain.cycles]
@@ -117,9 +113,7 @@ def test_a_cycle_takes_the_line_and_two_turnarounds(plain: Bench) -> None:
     assert statistics.fmean(times) == pytest.approx(floor + 2 * 0.012, rel=0.02)
 
 
-def test_the_bid_for_an_order_is_out_while_it_is_decided(
-    bench: RunBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_order_request_is_sent_during_decision(bench: RunBench, monkeypatch: pytest.MonkeyPatch) -> None:
     runs: list[Any] = []
     ahead: list[int] = []
     behind: list[int] = []
@@ -142,13 +136,13 @@ def test_the_bid_for_an_order_is_out_while_it_is_decided(
             prepare=runs.append,
             run={"duration_s": 1.0, "period_ms": period_ms},
         )
-        assert set(behind) == {after}, "until the next beat the line is the controller's"
+        assert set(behind) == {after}, "until the next beat, the controller has the line"
         assert run.result.outcome is Outcome.COMPLETED
         assert bids_ahead() == run.robot.counters["line released"] == 0
     assert set(ahead) == {1}
 
 
-def test_hops_are_stamped_in_order(plain: Bench) -> None:
+def test_timestamps_are_in_order(plain: Bench) -> None:
     for record in plain.cycles:
         hops = (
             record.started_at,
@@ -161,16 +155,16 @@ def test_hops_are_stamped_in_order(plain: Bench) -> None:
         assert 0.0 <= record.sample.now - record.sample.sensor_at <= 0.0102
 
 
-def test_a_fixed_period_skips_the_cycles_that_it_misses(bench: RunBench) -> None:
-    begins = [record.started_at for record in bench(run={"duration_s": 5.0, "period_ms": 250.0}).cycles]
-    assert [b - begins[0] for b in begins] == pytest.approx([k * 0.25 for k in range(len(begins))], abs=1e-9)
+def test_fixed_period_skips_missed_cycles(bench: RunBench) -> None:
+    starts = [record.started_at for record in bench(run={"duration_s": 5.0, "period_ms": 250.0}).cycles]
+    assert [b - starts[0] for b in starts] == pytest.approx([k * 0.25 for k in range(len(starts))], abs=1e-9)
     run = bench(run={"duration_s": 3.0, "period_ms": 100.0})
-    begins = [record.started_at for record in run.cycles]
-    assert [b - begins[0] for b in begins] == pytest.approx([k * 0.2 for k in range(len(begins))], abs=1e-9)
+    starts = [record.started_at for record in run.cycles]
+    assert [b - starts[0] for b in starts] == pytest.approx([k * 0.2 for k in range(len(starts))], abs=1e-9)
     assert run.texts("overrun")[0] == "1 cycles of 100 ms skipped"
 
 
-def test_the_tare_hides_the_tools_weight(bench: RunBench) -> None:
+def test_tare_removes_tool_weight(bench: RunBench) -> None:
     run = bench(cell={"tool": {"mass_kg": 3.0}})
     assert (
         max(abs(record.force) for record in run.cycles if record.phase == "approach" and record.depth < 0.009)
@@ -179,7 +173,7 @@ def test_the_tare_hides_the_tools_weight(bench: RunBench) -> None:
     assert run.result.outcome is Outcome.COMPLETED
 
 
-def test_a_turned_and_left_handed_sensor_reads_the_same_force(bench: RunBench, plain: Bench) -> None:
+def test_rotated_left_handed_sensor_reads_same_force(bench: RunBench, plain: Bench) -> None:
     """The flip negates Fx, which nothing excites here; the friction along the path must come out turned."""
     straight = plain.tracked()[-1]
     turned = bench(sensor={"mounting_deg": 90.0, "flip_fx_mx": True}).tracked()[-1]
@@ -187,7 +181,7 @@ def test_a_turned_and_left_handed_sensor_reads_the_same_force(bench: RunBench, p
     assert turned.sample.wrench[0] == pytest.approx(-straight.sample.wrench[1], abs=0.1)
 
 
-def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> None:
+def test_force_above_limit_retracts_with_cause(bench: RunBench) -> None:
     run = bench(
         task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.0},
         cell={"surface": {"stiffness_n_m": 5e4}},
@@ -199,35 +193,35 @@ def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> N
     assert stop.phase == "retract"
     assert -0.002 - 1e-9 <= stop.correction < 0.0
     assert run.true_force == 0.0
-    begin = stop.depth_commanded - stop.correction
-    assert run.cycles[-1].depth_commanded == pytest.approx(begin - 0.004, abs=1e-6)
+    start = stop.depth_commanded - stop.correction
+    assert run.cycles[-1].depth_commanded == pytest.approx(start - 0.004, abs=1e-6)
 
 
-def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBench) -> None:
+def test_emergency_stop_in_track_ends_run_by_name(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now())))
     assert run.result.outcome is Outcome.STOPPED
     assert "its status is now: emergency stop, in standby" in run.result.text
     assert "13 stop or emergency stop" in run.result.followed[0].text
     assert run.result.left.startswith("NOT retracted: left at ")
-    assert run.true_force > 5.0, "the robot took no order to pull back"
+    assert run.true_force > 5.0, "the robot accepted no order to retract"
     assert run.ended_at - run.cycles[-1].answered_at < 10.0
 
 
-def test_a_silent_sensor_is_stale_and_the_tool_retracts(bench: RunBench) -> None:
+def test_silent_sensor_is_stale_and_retracts(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: setattr(bench.can, "cut", True)))
     assert run.result.outcome is Outcome.STOPPED
     assert "the newest force is" in run.result.text
     assert run.true_force == 0.0
 
 
-def test_a_gateway_that_boots_again_has_lost_its_zero(bench: RunBench) -> None:
+def test_rebooted_gateway_has_lost_its_zero(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.can.inject([CanFrame(0x701)])))
     assert "restarted in mid-run" in run.result.text
     assert run.result.cause is Cause.SENSOR_FAILED
     assert run.true_force == 0.0
 
 
-def test_a_dead_robot_link_ends_the_run_in_the_time_of_its_time_outs(bench: RunBench) -> None:
+def test_dead_robot_link_ends_run_after_timeouts(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: setattr(bench.line, "faults", Faults(loss=1.0))))
     assert run.result.outcome is Outcome.STOPPED
     assert "robot on memory:robot" in run.result.text
@@ -235,7 +229,7 @@ def test_a_dead_robot_link_ends_the_run_in_the_time_of_its_time_outs(bench: RunB
     assert run.ended_at - run.cycles[-1].answered_at < 25.0
 
 
-def test_a_noisy_line_is_repeated_over(bench: RunBench) -> None:
+def test_noisy_line_is_handled_by_repetition(bench: RunBench) -> None:
     run = bench(
         lambda bench, record: setattr(bench.line, "faults", Faults(corruption=2e-4)), run={"duration_s": 30.0}
     )
@@ -243,13 +237,13 @@ def test_a_noisy_line_is_repeated_over(bench: RunBench) -> None:
     assert sum(run.robot.counters[name] for name in ("block repeated", "bid repeated", "NAK sent")) > 0
 
 
-def test_no_surface_no_contact(bench: RunBench) -> None:
+def test_run_without_surface_has_no_contact(bench: RunBench) -> None:
     run = bench(cell={"surface": {"height_mm": 400.0}}, task={"approach_depth_limit_mm": 8.0})
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.text.startswith("no contact found within 8 mm: ")
 
 
-def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:
+def test_workspace_limits_the_tool(bench: RunBench) -> None:
     run = bench(
         limits={"workspace_min_m": (-3.0, -3.0, 0.595)},
         task={"approach_depth_limit_mm": 20.0, "retract_mm": 20.0},
@@ -262,21 +256,21 @@ def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:
     assert run.cycles[-1].depth_commanded < 0.0
 
 
-def test_an_interruption_retracts_and_says_so(bench: RunBench) -> None:
+def test_interrupted_run_retracts_and_reports_it(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.run.interrupt()))
     assert run.result.outcome is Outcome.INTERRUPTED
     assert run.cycles[-1].phase == "retract"
     assert run.true_force == 0.0
 
 
-def test_a_robot_in_emergency_stop_is_not_moved(bench: RunBench) -> None:
+def test_run_in_emergency_stop_does_not_move(bench: RunBench) -> None:
     with pytest.raises(DeviceError, match="emergency stop, in standby; release it"):
         bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
 
 
 @pytest.mark.parametrize("block_end", ["length", "trailer"])
-def test_a_run_completes_as_the_observed_client_spoke(bench: RunBench, block_end: str) -> None:
-    """Also with a controller that takes the first DLE ETX for a block's end, which is the likeliest of a real one."""
+def test_run_completes_with_observed_client_timing(bench: RunBench, block_end: str) -> None:
+    """Also with a controller that ends a block at the first DLE ETX, as a real one most likely does."""
     link = {"profile": "observed-client"}
     run = bench(
         run={"duration_s": 10.0},
@@ -295,13 +289,13 @@ def test_line_floor_follows_the_profile() -> None:
     assert settings_of(Config(), S3).client.link == LinkProfile()
 
 
-def test_the_travel_limit_is_named_as_the_end(bench: RunBench) -> None:
+def test_travel_limit_is_named_as_end(bench: RunBench) -> None:
     run = bench(task={"travel_limit_mm": 5.0})
     assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "travelled 5 mm")
 
 
 def freeze_fz(bench: Bench, at: float | None) -> None:
-    """From now on the sensor's Fz channel says the same; `at` is that value in counts, None for the newest."""
+    """Freeze the sensor's Fz channel; `at` is its value in counts, None for the newest."""
     sensor = bench.cell.sensor.jr3
     counts_from = sensor.counts_from
 
@@ -316,7 +310,7 @@ def freeze_fz(bench: Bench, at: float | None) -> None:
     sensor.counts_from = frozen
 
 
-def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench) -> None:
+def test_force_axis_dead_from_start_is_named(bench: RunBench) -> None:
     """On a slope the tool is pushed aside while Fz says nothing."""
     run = bench(
         prepare=lambda bench: freeze_fz(bench, 434),
@@ -328,24 +322,24 @@ def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench)
     assert run.true_force == 0.0
 
 
-def test_a_force_axis_that_dies_while_pressing_does_not_press_on(bench: RunBench) -> None:
-    seen: list[float] = []
+def test_force_axis_dying_in_contact_stops_press(bench: RunBench) -> None:
+    forces: list[float] = []
 
     def meddle(bench: Bench, record: CycleRecord) -> None:
-        if record.phase == "track" and not seen:
+        if record.phase == "track" and not forces:
             freeze_fz(bench, None)
         if record.phase == "track":
-            seen.append(bench.cell.true_state(record.sample.now).contact_force[2])
+            forces.append(bench.cell.true_state(record.sample.now).contact_force[2])
 
     run = bench(meddle, task={"force_n": 30.0}, run={"duration_s": 20.0})
     assert run.result.outcome is Outcome.STOPPED
     assert "the force stayed at" in run.result.text
-    assert max(seen) < 50.0
+    assert max(forces) < 50.0
     assert run.true_force == 0.0
 
 
-def test_a_sensor_at_the_end_of_its_range_behind_a_large_zero(bench: RunBench) -> None:
-    """The tool's weight takes Fz most of the way to one end, and the zero hides that. Pressing takes it through zero
+def test_saturated_sensor_after_large_zero_stops(bench: RunBench) -> None:
+    """The tool's weight drives Fz close to one limit, and the zero hides that. Pressing moves it through zero
     to the other, where the counts that the zero has moved come round.
     """
     small = {"full_scales_n": (20.0, 20.0, 20.0), "full_scales_nm": (5.6, 5.2, 6.1)}
@@ -359,8 +353,8 @@ def test_a_sensor_at_the_end_of_its_range_behind_a_large_zero(bench: RunBench) -
     assert any(text.startswith("fz is at") for text in run.texts("sensor"))
 
 
-def test_a_quiet_sensor_is_not_taken_for_a_frozen_or_dead_one(bench: RunBench) -> None:
-    """The least noise that recordings show, a slow filter, and a slow approach: counts rest for seconds."""
+def test_quiet_sensor_is_not_reported_as_frozen(bench: RunBench) -> None:
+    """The least noise that recordings show, a slow filter, and a slow approach: counts stay constant for seconds."""
     run = bench(
         sensor={"jr3": {"gateway": {"cutoff_hz": 2.0}}},
         cell={"jr3": {"sensor": {"noise_counts": 0.5}}},
@@ -369,7 +363,7 @@ def test_a_quiet_sensor_is_not_taken_for_a_frozen_or_dead_one(bench: RunBench) -
     assert run.result.outcome is Outcome.COMPLETED
 
 
-def test_the_orientation_of_the_start_is_ordered_not_the_reported_one(bench: RunBench) -> None:
+def test_start_orientation_is_ordered_not_reported(bench: RunBench) -> None:
     """A robot that reports its orientation wrong by one degree must not be turned by it, cycle after cycle."""
     turn = after(3, lambda bench: bench.cell.inject("pose", "turned", bench.clock.now(), degrees=1.0))
     run = bench(turn)

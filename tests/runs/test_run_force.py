@@ -1,4 +1,4 @@
-"""How a run holds its force: each controller, soft and hard, flat and curved, and where it swings."""
+"""Force control in a run: each controller, soft and hard, flat and curved surfaces, and oscillation."""
 
 import itertools
 import math
@@ -14,11 +14,11 @@ from tests.bench import Bench, RunBench
 pytestmark = pytest.mark.sweep
 
 DEEP = {"approach_depth_limit_mm": 30.0}
-"""For surfaces that lie deeper below the start than an approach goes by default."""
+"""Settings for surfaces deeper below the start than an approach moves by default."""
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_every_controller_holds_ten_newtons_on_the_sponge(bench: RunBench, controller: str) -> None:
+def test_every_controller_holds_10_n_on_sponge(bench: RunBench, controller: str) -> None:
     run = bench(run={"duration_s": 12.0}, controller={"name": controller})
     assert run.result.outcome is Outcome.COMPLETED
     steady = [record.force for record in run.tracked()[-40:]]
@@ -40,21 +40,21 @@ def rms_after_rise(run: Bench, force: float) -> float:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_on_a_flat_sponge_knowing_the_stiffness_rises_faster(bench: RunBench, seed: int) -> None:
+def test_known_stiffness_gives_faster_rise(bench: RunBench, seed: int) -> None:
     runs = {
         name: bench(run={"duration_s": 8.0, "seed": seed}, controller={"name": name})
         for name in ("fuzzy", "fuzzy-adaptive", "resolution-aware", "predictive")
     }
     slow = rise(runs.pop("fuzzy"), 10.0)
     for run in runs.values():
-        assert 2 * rise(run, 10.0) <= slow + 1  # whole samples
+        assert 2 * rise(run, 10.0) <= slow + 1  # complete samples
         assert all(record.in_contact for record in run.tracked())
     assert rms_after_rise(runs["predictive"], 10.0) <= 0.6
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
-def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> None:
+def test_predictive_follows_curved_contour(bench: RunBench, seed: int) -> None:
     surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0}
     cell = {"surface": surface, "start_position_mm": (900.0, -100.0, 605.0)}
     ahead, behind = (
@@ -69,7 +69,7 @@ def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> N
 
 @pytest.mark.full
 @pytest.mark.parametrize("stiffness", [500.0, 2e3, 5e3, 2e4, 5e4, 1e5])
-def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBench, stiffness: float) -> None:
+def test_one_tuning_covers_two_decades_of_stiffness(bench: RunBench, stiffness: float) -> None:
     for seed in (1, 2):
         run = bench(
             # where a hard surface is expected, the barrier lets a soft one be pressed in slowly only
@@ -91,7 +91,7 @@ def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBenc
         assert max(steady) - min(steady) < 0.2  # no limit cycle
 
 
-def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBench) -> None:
+def test_waiting_for_force_reduces_first_impact(bench: RunBench) -> None:
     """Seed 7 draws a hard first blow; with others the contact may fall so that waiting gains nothing."""
     surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "stiffness_n_m": 1e5}
     most = []
@@ -125,7 +125,7 @@ def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBe
         {"kind": "circular_arc", "radius_mm": 300.0},
     ],
 )
-def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, Any]) -> None:
+def test_contact_is_kept_on_every_surface_model(bench: RunBench, surface: dict[str, Any]) -> None:
     run = bench(run={"duration_s": 10.0}, cell={"surface": surface}, task={"speed_mm_s": 2.75, **DEEP})
     assert run.result.outcome is Outcome.COMPLETED
     assert all(record.in_contact for record in run.tracked()[5:])
@@ -133,18 +133,18 @@ def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, An
 
 
 @pytest.mark.full
-def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench) -> None:
-    """Seed 4 of the paper's adaptation swings for ever by itself: its pairs of force and position are not aligned."""
+def test_oscillating_force_settles_after_gain_reduction(bench: RunBench) -> None:
+    """Seed 4 of the paper's adaptation keeps oscillating: its pairs of force and position are misaligned."""
     settings = {"run": {"duration_s": 40.0, "seed": 4}, "controller": {"name": "fuzzy-adaptive"}}
     free = bench(**settings, limits={"oscillation_guard": False})
     guarded = bench(**settings)
-    assert swing(free) > 3.0
-    assert swing(guarded) < 0.5 * swing(free)
-    assert any("the force swings: gain lowered to 0.5" in record.reasons for record in guarded.tracked())
+    assert peak_to_peak(free) > 3.0
+    assert peak_to_peak(guarded) < 0.5 * peak_to_peak(free)
+    assert any("the force oscillates: gain lowered to 0.5" in record.reasons for record in guarded.tracked())
     assert guarded.result.outcome is Outcome.COMPLETED
 
 
-def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) -> None:
+def test_oscillation_at_lowest_gain_ends_run(bench: RunBench) -> None:
     run = bench(
         run={"duration_s": 60.0},
         cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "jr3": {"sensor": LARGE_SENSOR}},
@@ -154,29 +154,29 @@ def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) ->
         oscillation={"factor_min": 0.5},
     )
     assert run.result.outcome is Outcome.STOPPED
-    assert "continues swinging" in run.result.text
+    assert "continues to oscillate" in run.result.text
     assert run.true_force == 0.0
 
 
 LARGE_SENSOR = {"full_scales_n": (317.0, 314.0, 845.0), "full_scales_nm": (22.1, 21.9, 30.7)}
 
 
-def swing(run: Bench) -> float:
+def peak_to_peak(run: Bench) -> float:
     """Peak to peak of the force over the last 40 samples of tracking, N."""
     forces = [record.force for record in run.tracked()[-40:]]
     return max(forces) - min(forces)
 
 
-def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench) -> None:
-    """The fixed direction of the paper beside the estimated normal, judged by the emulator's truth."""
+def test_contour_force_and_speed_follow_normal(bench: RunBench) -> None:
+    """Compare the paper's fixed direction with the estimated normal, using the emulator's ground truth."""
     amplitude, period = 0.010, 0.200
 
     def truth(follow: bool) -> tuple[float, float]:
-        """RMS error of the true normal force, N, and mean way along the surface a sample, mm."""
+        """Return the RMS error of the true normal force, N, and the mean distance along the surface a sample, mm."""
         pressed: list[float] = []
         path: list[tuple[float, ...]] = []
 
-        def look(bench: Bench, record: CycleRecord) -> None:
+        def record_truth(bench: Bench, record: CycleRecord) -> None:
             if record.phase != "track":
                 return
             state = bench.cell.true_state(record.sample.now)
@@ -187,7 +187,7 @@ def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench
             path.append(state.position)
 
         bench(
-            look,
+            record_truth,
             run={"duration_s": 26.0},
             frame={"follow_normal": follow},
             cell={
@@ -195,22 +195,20 @@ def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench
             },
         )
         errors = [force - 10.0 for force in pressed[15:]]
-        ways = [math.dist(a, b) for a, b in itertools.pairwise(path[15:])]
-        return math.sqrt(statistics.fmean(e * e for e in errors)), 1e3 * statistics.fmean(ways)
+        distances = [math.dist(a, b) for a, b in itertools.pairwise(path[15:])]
+        return math.sqrt(statistics.fmean(e * e for e in errors)), 1e3 * statistics.fmean(distances)
 
-    fixed_rms, fixed_way = truth(follow=False)
-    rms, way = truth(follow=True)
+    fixed_rms, fixed_distance = truth(follow=False)
+    rms, distance = truth(follow=True)
     assert rms < 0.7 * fixed_rms
     assert rms < 0.5
-    assert way == pytest.approx(1.0, abs=0.01)
-    assert fixed_way > 1.015
+    assert distance == pytest.approx(1.0, abs=0.01)
+    assert fixed_distance > 1.015
 
 
 @pytest.mark.parametrize("stiffness", [500.0, 5_000.0, 50_000.0, 100_000.0])
 @pytest.mark.parametrize("start_mm", [590.5, 592.03])
-def test_one_setting_serves_soft_and_hard_surfaces(
-    bench: RunBench, stiffness: float, start_mm: float
-) -> None:
+def test_one_setting_suits_soft_and_hard_surfaces(bench: RunBench, stiffness: float, start_mm: float) -> None:
     """50 N from a light touch: at most 15 % over, and one resolution step of force. Approach and first moves are
     made for the hardest surface expected; nothing is tuned in between.
     """

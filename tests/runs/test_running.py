@@ -1,4 +1,4 @@
-"""The harness of a run: what it closes, and that a close that fails keeps no other from its turn."""
+"""Harness of a run: what it closes, and that a failing close does not prevent the others."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ from hil_bridge.transports.wrappers import Direction
 from tests.near_surface import SHORT
 
 
-def test_a_close_that_raises_keeps_no_other_from_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_close_does_not_skip_others(monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[str] = []
 
     def failing(name: str) -> Callable[[object], None]:
@@ -61,7 +61,7 @@ def run_in_harness(
     watchers: Sequence[Watcher] = (),
     act: Callable[[Running], object] = lambda run: None,
 ) -> RunResult:
-    """A run in virtual time with these watchers; `act` is given the run before it begins."""
+    """Run in virtual time with these watchers; `act` receives the run before it begins."""
 
     async def main() -> RunResult:
         setup = Setup(read_config(config))
@@ -77,8 +77,8 @@ def test_faults_and_truth_end_after_the_devices(monkeypatch: pytest.MonkeyPatch)
     opened, close_faults, close_truth = compose.open_devices, FaultSchedule.close, GroundTruth.close
 
     @asynccontextmanager
-    async def open_devices(*given: Any) -> AsyncIterator[compose.Devices]:
-        async with opened(*given) as devices:
+    async def open_devices(*arguments: Any) -> AsyncIterator[compose.Devices]:
+        async with opened(*arguments) as devices:
             yield devices
         order.append("devices")
 
@@ -97,7 +97,7 @@ def test_faults_and_truth_end_after_the_devices(monkeypatch: pytest.MonkeyPatch)
     assert order == ["devices", "faults", "truth"]
 
 
-def test_a_cell_that_fails_while_it_is_opened_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cell_failing_while_opening_ends_run(monkeypatch: pytest.MonkeyPatch) -> None:
     opened = compose.open_devices
 
     @asynccontextmanager
@@ -117,7 +117,7 @@ def test_a_cell_that_fails_while_it_is_opened_ends_the_run(monkeypatch: pytest.M
     )
 
 
-def test_an_emulated_robot_is_served_beside_a_real_sensor() -> None:
+def test_emulated_robot_is_served_with_real_sensor() -> None:
     config = read_config(
         {"robot": {"emulated": "s3"}, "sensor": {"url": "netft+udp://127.0.0.1:49152", "unchecked": True}}
     )
@@ -135,8 +135,8 @@ def test_an_emulated_robot_is_served_beside_a_real_sensor() -> None:
     run_real(main)
 
 
-def test_the_health_of_a_run_tells_the_time_of_the_newest_frame() -> None:
-    def told(newest: object) -> Any:
+def test_health_has_time_of_newest_frame() -> None:
+    def health_with(newest: object) -> Any:
         robot, facts = (
             SimpleNamespace(counters={"retries": 2, "orders": 7}),
             SimpleNamespace(errors=("retries",)),
@@ -144,13 +144,13 @@ def test_the_health_of_a_run_tells_the_time_of_the_newest_frame() -> None:
         run: Any = SimpleNamespace(robot=robot, sensor=SimpleNamespace(newest=newest, lost=3), facts=facts)
         return health_of(run)
 
-    health = told(SimpleNamespace(at=4.5))
+    health = health_with(SimpleNamespace(at=4.5))
     assert (health.link_errors, health.frames_lost, health.sensor_at) == (2, 3, 4.5)
-    assert told(None).sensor_at is None, "no frame has come yet"
+    assert health_with(None).sensor_at is None, "no frame has arrived yet"
     assert health_of(None).sensor_at is None
 
 
-def test_a_run_that_an_error_ends_enters_the_phase_of_the_retraction() -> None:
+def test_run_ended_by_error_enters_retract_phase() -> None:
     phases: list[str] = []
     cycles: list[CycleRecord] = []
 
@@ -168,26 +168,26 @@ def test_a_run_that_an_error_ends_enters_the_phase_of_the_retraction() -> None:
     assert "retract" in phases
 
 
-def test_a_log_knows_the_time_of_a_byte_on_the_line() -> None:
+def test_log_has_byte_time_of_line() -> None:
     pauses: list[float] = []
 
     class Ear(Listener):
         def pause(self, seconds: float) -> None:
             pauses.append(seconds)
 
-    told: list[float] = []
-    run_in_harness(SHORT, [Ear({})], lambda run: told.append(run.log.byte_time_s))
-    assert told == [pytest.approx(11 / 9600)]  # the S3's line: 9600 baud, eight bits with parity
-    assert min(pauses) > told[0]
+    reported: list[float] = []
+    run_in_harness(SHORT, [Ear({})], lambda run: reported.append(run.log.byte_time_s))
+    assert reported == [pytest.approx(11 / 9600)]  # the S3's line: 9600 baud, eight bits with parity
+    assert min(pauses) > reported[0]
 
 
-def test_truth_is_asked_for_only_where_a_watcher_takes_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[CycleRecord] = []
-    monkeypatch.setattr(GroundTruth, "cycle", lambda truth, record: asked.append(record))
+def test_truth_is_queried_only_for_a_watcher(monkeypatch: pytest.MonkeyPatch) -> None:
+    requested: list[CycleRecord] = []
+    monkeypatch.setattr(GroundTruth, "cycle", lambda truth, record: requested.append(record))
     run_in_harness(SHORT)
-    assert not asked
+    assert not requested
     run_in_harness(SHORT, [Listener({TruthRecord: lambda record: None})])
-    assert asked
+    assert requested
 
 
 def test_every_watcher_is_closed_and_the_first_error_is_raised() -> None:
@@ -209,10 +209,10 @@ def test_every_watcher_is_closed_and_the_first_error_is_raised() -> None:
             log.close(RunEnd(Outcome.COMPLETED))
 
     run_virtual(main)
-    assert order == ["traffic", "traffic", "first", "second"], "what a wire still holds comes before the end"
+    assert order == ["traffic", "traffic", "first", "second"], "the rest of the wire arrives before the end"
 
 
-def test_the_condition_of_a_fault_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fault_condition_is_parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     reads: list[str] = []
     read = Condition.read
 
@@ -231,7 +231,7 @@ def test_the_condition_of_a_fault_is_read_once(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("begin", ["command", "program"])
-def test_a_run_makes_its_cell_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begin: str) -> None:
+def test_cell_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begin: str) -> None:
     made: list[object] = []
     make = compose.make_cell
 
@@ -247,7 +247,7 @@ def test_a_run_makes_its_cell_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert len(made) == 1
 
 
-def test_the_run_has_the_cell_that_the_checks_powered_up() -> None:
+def test_run_uses_cell_of_the_checks() -> None:
     async def main() -> None:
         clock = Clock.running()
         setup = Setup(read_config(SHORT))
@@ -259,7 +259,7 @@ def test_the_run_has_the_cell_that_the_checks_powered_up() -> None:
     run_virtual(main)
 
 
-def test_a_watcher_that_raises_keeps_no_other_from_its_record() -> None:
+def test_failing_watcher_does_not_affect_others() -> None:
     order: list[str] = []
 
     def failing(name: str) -> Listener:
@@ -278,7 +278,7 @@ def test_a_watcher_that_raises_keeps_no_other_from_its_record() -> None:
     assert order == ["first", "second"]
 
 
-def test_work_beside_a_run_ends_with_it_and_does_not_end_it() -> None:
+def test_background_task_ends_with_run() -> None:
     order: list[str] = []
 
     async def fail() -> None:

@@ -1,4 +1,4 @@
-"""The wrist of the samples, while a program turns the tool."""
+"""Wrist of the samples while a program turns the tool."""
 
 import math
 from typing import Any, cast
@@ -14,7 +14,7 @@ SCALES = (0.01, 0.01, 0.01, 0.001, 0.001, 0.001)
 
 
 class Sensor:
-    """As much of a force sensor as the wrist of the samples asks for."""
+    """The part of a force sensor that the wrist of the samples needs."""
 
     class facts:
         scales = SCALES
@@ -29,7 +29,7 @@ def turned(degrees: float) -> Quaternion:
     return product(turn_about((1.0, 0.0, 0.0), math.radians(degrees)), DOWN)
 
 
-def test_a_tool_that_a_program_turns_keeps_its_wrist_for_a_hair() -> None:
+def test_wrist_is_kept_for_tiny_rotation() -> None:
     sampler = sampler_of(1.0)
     sampler.expect_turns()
     wrist = sampler.wrist_at(DOWN)
@@ -37,8 +37,8 @@ def test_a_tool_that_a_program_turns_keeps_its_wrist_for_a_hair() -> None:
     assert sampler.wrist_at(turned(0.06)) is not wrist
 
 
-def test_the_peaks_turn_with_a_tool_that_a_program_turns() -> None:
-    """The weight of the tool is taken off in the orientation in which it hangs."""
+def test_peaks_follow_rotated_tool() -> None:
+    """The weight of the tool is subtracted in its current orientation."""
     sampler = sampler_of(1.0)
     sampler.expect_turns()
     sampler.peaks = Peaks(sampler.wrist_at(DOWN), SCALES)

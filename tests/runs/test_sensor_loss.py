@@ -1,4 +1,4 @@
-"""A sensor that is lost in mid-run, whichever of the three devices stands before it."""
+"""Loss of a sensor during a run, for each of the three devices in front of it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +23,7 @@ URLS = {
 
 
 class Silenced:
-    """A device that takes no notice and says nothing any more once it is told to be silent."""
+    """Device that stops responding once it is silenced."""
 
     def __init__(self, endpoint: Any) -> None:
         self._endpoint = endpoint
@@ -83,7 +83,7 @@ def unplug(cell: Any, now: float) -> None:
 
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
-def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
+def test_sensor_unplugged_from_gateway_retracts(device: str) -> None:
     """Its frames continue with the counter and the values of the last sample."""
     result, force = run_until_lost(URLS[device], unplug)
     assert result.outcome is Outcome.STOPPED
@@ -94,7 +94,7 @@ def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts
 
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
-def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
+def test_silent_gateway_retracts(device: str) -> None:
     result, force = run_until_lost(URLS[device], silence)
     assert result.outcome is Outcome.STOPPED
     assert "the newest force is" in result.text
@@ -102,7 +102,7 @@ def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> No
     assert force == 0.0
 
 
-def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
+def test_sensor_unplugged_from_board_retracts() -> None:
     result, force = run_until_lost(URLS["receiver board"], unplug)
     assert result.outcome is Outcome.STOPPED
     assert "watch dog" in result.text

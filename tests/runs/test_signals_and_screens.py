@@ -1,4 +1,4 @@
-"""The end of a process: signals, outputs that take nothing, readers that have left, and bugs."""
+"""End of a process: signals, blocked outputs, closed pipes, and bugs."""
 
 import logging
 import os
@@ -29,10 +29,10 @@ VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mc
 
 def signalled(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None:
     """Let these come from the middle of a run on, one with each cycle."""
-    told, coming = Notes._cycle, list(numbers)
+    reported, coming = Notes._cycle, list(numbers)
 
     def cycle(self: Notes, record: CycleRecord) -> None:
-        told(self, record)
+        reported(self, record)
         if record.phase in {"track", "retract"} and coming:
             signal.raise_signal(coming.pop(0))
 
@@ -42,7 +42,7 @@ def signalled(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP]
 )
-def test_each_signal_retracts_and_is_named(
+def test_signal_retracts_and_is_named(
     hil: Command, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     signalled(monkeypatch, number, number)
@@ -58,7 +58,7 @@ def test_each_signal_retracts_and_is_named(
     assert {kind: signal.getsignal(kind) for kind in before} == before
 
 
-def test_a_hangup_that_is_ignored_stays_ignored(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ignored_sighup_stays_ignored(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     signalled(monkeypatch, signal.SIGHUP)
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -69,7 +69,7 @@ def test_a_hangup_that_is_ignored_stays_ignored(hil: Command, monkeypatch: pytes
 
 
 def resting(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None:
-    """Let these come when the movement has ended and the tool comes to rest."""
+    """Send these signals when the movement has ended and the tool stops."""
     rest = FallbackRetraction.rest
 
     async def signalled_rest(*arguments: object) -> object:
@@ -80,9 +80,7 @@ def resting(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None:
     monkeypatch.setattr(FallbackRetraction, "rest", signalled_rest)
 
 
-def test_a_signal_after_the_movement_changes_nothing_of_what_is_told(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_signal_after_movement_keeps_report(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     resting(monkeypatch, signal.SIGINT)
     code, output, errors = hil(*VIRTUAL, "--summary", "s.json")
     lines = output.splitlines()
@@ -90,7 +88,7 @@ def test_a_signal_after_the_movement_changes_nothing_of_what_is_told(
     assert Path("s.json").exists()
 
 
-def test_a_second_one_ends_the_run_with_a_whole_record_alone(
+def test_second_signal_ends_run_with_complete_recording(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     signalled(monkeypatch, signal.SIGINT)
@@ -102,25 +100,23 @@ def test_a_second_one_ends_the_run_with_a_whole_record_alone(
     assert not Path("s.json").exists()
 
 
-def test_a_shell_that_closes_hangs_up_twice_and_still_gets_its_files(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_double_sighup_still_writes_files(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     signalled(monkeypatch, signal.SIGHUP)
     resting(monkeypatch, signal.SIGHUP)
     write = outputs.write_outputs
 
-    def hung_up(*arguments: object) -> object:
+    def write_after_hangup(*arguments: object) -> object:
         signal.raise_signal(signal.SIGHUP)
         return write(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(session, "write_outputs", hung_up)
+    monkeypatch.setattr(session, "write_outputs", write_after_hangup)
     code, output, errors = hil(*VIRTUAL, "--summary", "s.json")
     assert (code, errors) == (130, "")
     assert "summary: s.json" in output.splitlines()
     assert Path("s.json").exists()
 
 
-def test_ctrl_c_while_the_report_is_drawn_ends_at_once(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_while_writing_report_ends_at_once(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     def drawing(*_: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
@@ -128,13 +124,13 @@ def test_ctrl_c_while_the_report_is_drawn_ends_at_once(hil: Command, monkeypatch
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, errors) == (130, "")
     assert output.splitlines() == [
-        *("completed", "record: r.mcap", "interrupted before all that was wanted had been written"),
+        *("completed", "record: r.mcap", "interrupted before all requested outputs were written"),
         "left: retracted, 0.0 N",
     ]
     assert not any(Path("rep").iterdir())
 
 
-def test_every_signal_acts_like_ctrl_c_where_a_task_is_to_end() -> None:
+def test_every_signal_acts_like_ctrl_c_for_tasks() -> None:
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGUSR1)
     before = {number: signal.getsignal(number) for number in ENDING}
     for number in numbers:
@@ -147,12 +143,12 @@ def test_every_signal_acts_like_ctrl_c_where_a_task_is_to_end() -> None:
     assert {number: signal.getsignal(number) for number in ENDING} == before
 
 
-def test_beside_the_main_thread_no_handler_is_set() -> None:
+def test_signals_outside_main_thread_set_no_handler() -> None:
     before = signal.getsignal(signal.SIGTERM)
     inside: list[object] = []
 
     def elsewhere() -> None:
-        with Signals().hearing():
+        with Signals().installed():
             inside.append(signal.getsignal(signal.SIGTERM))
 
     thread = threading.Thread(target=elsewhere)
@@ -164,7 +160,7 @@ def test_beside_the_main_thread_no_handler_is_set() -> None:
 # --- outputs that take nothing
 
 
-def test_a_screen_waits_for_a_full_pipe_and_no_task_for_it() -> None:
+def test_full_pipe_blocks_only_the_screen() -> None:
     there, here = os.pipe()
     os.set_blocking(here, False)
     filled = os.write(here, b"x" * (1 << 20))
@@ -185,7 +181,7 @@ def test_a_screen_waits_for_a_full_pipe_and_no_task_for_it() -> None:
     assert read_back[filled:] == b"line 0\nline 1\nline 2\n"
 
 
-def test_a_screen_whose_reader_left_takes_everything() -> None:
+def test_screen_with_closed_pipe_accepts_output() -> None:
     there, here = os.pipe()
     os.close(there)
     stream = open(here, "w")  # noqa: SIM115 - closing it fails, as it should
@@ -201,24 +197,24 @@ def test_a_screen_whose_reader_left_takes_everything() -> None:
     nothing.close()
 
 
-def test_what_libraries_log_waits_for_no_terminal(
+def test_library_logging_does_not_block_on_terminal(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     log = logging.getLogger("asyncio")
     with Terminal() as terminal:
-        held = threading.Event()
-        terminal.err.do(held.wait)
+        released = threading.Event()
+        terminal.err.do(released.wait)
         log.error("a callback failed")
         assert terminal.err.busy
         assert capfd.readouterr().err == ""
-        held.set()
+        released.set()
         assert terminal.err.wait(10.0)
     assert capfd.readouterr().err == "a callback failed\n"
     assert not any(type(handler).__name__ == "_Logged" for handler in logging.getLogger().handlers)
 
 
 def ended(*arguments: str, cwd: Path) -> tuple[int, bytes]:
-    """Exit code and standard error of a process whose output's reader has left before it began."""
+    """Return exit code and standard error of a process whose reader of standard output left before it started."""
     there, here = os.pipe()
     os.close(there)
     try:
@@ -234,7 +230,7 @@ def ended(*arguments: str, cwd: Path) -> tuple[int, bytes]:
     return done.returncode, done.stderr
 
 
-def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path: Path) -> None:
+def test_run_closed_pipe_keeps_exit_code(hil: Command, tmp_path: Path) -> None:
     assert hil(*VIRTUAL, "--duration", "0.5")[0] == 0
     Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
     Path("site.toml").write_text('[robot]\nurl = "s3+serial:///dev/there-is-none"\n')
@@ -255,7 +251,7 @@ def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path
     assert Path("s.json").exists()
 
 
-def test_a_replay_that_differs_says_so_to_a_reader_that_left(tmp_path: Path) -> None:
+def test_differing_replay_with_closed_pipe_keeps_code(tmp_path: Path) -> None:
     """The code of a difference comes from the difference, whether its lines are read or not."""
     program = (
         "import sys; from types import SimpleNamespace as made; import hil_bridge.record, hil_bridge.runs.replay\n"
@@ -283,7 +279,7 @@ def broken(*_: object) -> None:
     raise TypeError("a leg is\nmissing")
 
 
-def test_a_bug_outside_the_movement_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bug_outside_movement_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.runs.compose.open_devices", broken)
     code, output, errors = hil(*VIRTUAL)
     assert (code, output) == (70, "")
@@ -299,9 +295,7 @@ def test_a_bug_outside_the_movement_is_one_line(hil: Command, monkeypatch: pytes
         assert errors.endswith("hil-bridge: this is a bug: TypeError: a leg is missing; record: r.mcap\n")
 
 
-def test_a_bug_in_the_movement_retracts_and_is_told_the_same_way(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bug_in_movement_retracts_and_is_reported(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     propose, left = ControlLoop.propose, [40, 40]
 
     def once(*arguments: object) -> object:

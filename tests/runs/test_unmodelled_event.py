@@ -1,4 +1,4 @@
-"""A run records what its client uses and the emulated device does not model."""
+"""A run records the features that its client uses and the emulated device does not model."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,28 +23,28 @@ def events(result: Any) -> list[Any]:
     "sensor", ["netft", "ft300", "ft300-urcap", "ati-can", "jr3", "jr3-uart", "jr3-board"]
 )
 @pytest.mark.parametrize("robot", ["rsi", "rtde"])
-def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> None:
+def test_built_in_clients_use_only_modelled_features(robot: str, sensor: str) -> None:
     if robot == "rtde" and sensor != "jr3":
         pytest.skip("each device once is enough")
     devices = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
     assert events(hil_bridge.simulate(merged(SHORT, devices))) == []
 
 
-def test_a_thing_stands_in_the_record_with_its_fields(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    heard: Callable[..., None] = RsiController.receive
+def test_unmodelled_feature_is_recorded_with_fields(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    receive: Callable[..., None] = RsiController.receive
 
     def with_text(robot: RsiController, data: Any, now: float) -> None:
         """Each answer shows a text on the robot's display, too."""
-        heard(robot, [raw.replace(b"<RKorr", b"<EStr>ready</EStr><RKorr") for raw in data], now)
+        receive(robot, [raw.replace(b"<RKorr", b"<EStr>ready</EStr><RKorr") for raw in data], now)
 
     monkeypatch.setattr(RsiController, "receive", with_text)
     result = hil_bridge.simulate(RSI)
     assert result.outcome == "completed", result.text
     (event,) = events(result)
-    thing = NotModelled("rsi", "tag EStr", "read, and nothing is connected to its channel")
+    thing = NotModelled("rsi", "tag EStr", "read, but its channel is not connected")
     assert event.not_modelled == thing
     assert event.text == str(thing)
-    place = tmp_path / "run.mcap"
-    result.save(place)
-    (read,) = [event for event in hil_bridge.read(place).events if event.kind == EventKind.NOT_MODELLED]
+    path = tmp_path / "run.mcap"
+    result.save(path)
+    (read,) = [event for event in hil_bridge.read(path).events if event.kind == EventKind.NOT_MODELLED]
     assert read.not_modelled == thing

@@ -1,4 +1,4 @@
-"""The configuration file: what is refused and how, and what the commands around it print."""
+"""The configuration file: refusals, and output of the commands for it."""
 
 import dataclasses
 import json
@@ -32,11 +32,14 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[run]\nbogus = 1", "c.toml: run.bogus is no setting; known here: duration_s, seed, period_ms"),
-        ("[run]\nduration_ms = 1", "run.duration_ms is no setting; the unit is part of the name: duration_s"),
-        ("[task]\nforce = 1", "task.force is no setting; the unit is part of the name: force_n"),
+        ("[run]\nbogus = 1", "c.toml: run.bogus is not a setting; known here: duration_s, seed, period_ms"),
+        (
+            "[run]\nduration_ms = 1",
+            "run.duration_ms is not a setting; the unit is part of the name: duration_s",
+        ),
+        ("[task]\nforce = 1", "task.force is not a setting; the unit is part of the name: force_n"),
         ("[cell.surface]\nstifness_n_m = 1", "did you mean stiffness_n_m?"),
-        ("[bogus]\nx = 1", "bogus is no setting; known here: run, robot"),
+        ("[bogus]\nx = 1", "bogus is not a setting; known here: run, robot"),
         ('[run]\nduration_s = "x"', "run.duration_s: must be a valid number"),
         ("run = 3", "run must be a table of settings, got 3"),
         ("[robot]\ns3 = 3", "robot.s3 must be a table of settings, got 3"),
@@ -65,21 +68,24 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
             '[robot.s3.link]\nprofile = "observed-client"\nmove_length = 52',
             "robot.s3.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
         ),
-        ("[robot.link]\nbaudrate = 19200", "c.toml: robot.link is no setting; known here: url, "),  # of 0.5
+        (
+            "[robot.link]\nbaudrate = 19200",
+            "c.toml: robot.link is not a setting; known here: url, ",
+        ),  # of 0.5
         (
             '[sensor]\nemulated = "gateway"',
             "sensor.emulated: there is no sensor 'gateway'; choose one of ati-can, ",
         ),
-        ('[[faults]]\non = "link"\nfault = "delay"', "no target is called 'link'; known: robot, pose, "),
-        ("hello", "c.toml is no TOML: "),
+        ('[[faults]]\non = "link"\nfault = "delay"', "unknown target 'link'; known: robot, pose, "),
+        ("hello", "c.toml is not valid TOML: "),
         (
             "[tool]\nmass_kg = 0.5\n\n[tool]\nmass_kg = 0.4\n",
-            "c.toml is no TOML: it has the table [tool] twice (at line 4, column 6); put the lines of the second into "
+            "c.toml is not valid TOML: it contains the table [tool] twice (at line 4, column 6); merge the second into "
             "the first",
         ),
     ],
 )
-def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_setting_is_named_with_remedy(tmp_path: Path, text: str, message: str) -> None:
     assert message in refusal(tmp_path, text)
 
 
@@ -90,7 +96,7 @@ def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, mess
         (ValueError("url must not be"), "configuration: robot: url must not be"),
     ],
 )
-def test_a_check_blames_a_setting_by_a_field_alone(error: ValueError, message: str) -> None:
+def test_profile_check_names_setting_by_field(error: ValueError, message: str) -> None:
     def refuse(values: object) -> object:
         raise error
 
@@ -100,35 +106,35 @@ def test_a_check_blames_a_setting_by_a_field_alone(error: ValueError, message: s
     assert str(explain(caught.value, None, set())) == message
 
 
-def test_a_refused_setting_goes_to_another_process_whole() -> None:
+def test_setting_refused_can_be_pickled() -> None:
     refused = SettingRefused("c.toml", ("faults", "0", "when"), "must be a condition", " ", 2)
-    there = pickle.loads(pickle.dumps(refused))
-    assert str(there) == str(refused) == "c.toml: faults.0.when must be a condition (and 2 more)"
-    assert there.without_source == "faults.0.when must be a condition (and 2 more)"
-    assert there.below(2) == "when must be a condition (and 2 more)"
-    assert there.below(3) == "must be a condition (and 2 more)"
+    copy = pickle.loads(pickle.dumps(refused))
+    assert str(copy) == str(refused) == "c.toml: faults.0.when must be a condition (and 2 more)"
+    assert copy.without_source == "faults.0.when must be a condition (and 2 more)"
+    assert copy.below(2) == "when must be a condition (and 2 more)"
+    assert copy.below(3) == "must be a condition (and 2 more)"
     assert str(SettingRefused("--force-n", (), "must be above 0", " ")) == "--force-n must be above 0"
 
 
-def test_an_option_is_named_as_it_was_typed(tmp_path: Path) -> None:
+def test_invalid_option_is_named_as_typed(tmp_path: Path) -> None:
     assert refusal(tmp_path, "", run__duration_s=0.0).startswith("--duration: must be greater than 0")
     assert refusal(tmp_path, "", task__force_n=-3.0).startswith("--force-n must be a number above 0")
     assert refusal(tmp_path, "[run]\nseed = -1", run__duration_s=3.0).startswith("c.toml: run.seed")
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_unreadable_configuration_is_named(tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b"[run]\n# \xb5m\n")
-    for path, why in (
+    for path, reason in (
         (tmp_path, "Is a directory"),
         (tmp_path / "nothing.toml", "No such file"),
-        (tmp_path / "latin.toml", "is no text in utf-8: invalid start byte in line 2; save it as utf-8"),
+        (tmp_path / "latin.toml", "is not valid utf-8: invalid start byte in line 2; save it as utf-8"),
     ):
-        with pytest.raises(ConfigError, match=why) as caught:
+        with pytest.raises(ConfigError, match=reason) as caught:
             load_config(path, {})
         assert str(path) in str(caught.value)
 
 
-def test_the_written_defaults_read_back_as_the_defaults(tmp_path: Path) -> None:
+def test_written_defaults_round_trip(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_text(commented_defaults())
     assert load_config(path, {}) == read_config({})
@@ -144,41 +150,41 @@ def keys(prefix: str, value: Any) -> set[str]:
     return set().union(*(keys(f"{prefix}.{name}" if prefix else name, item) for name, item in items))
 
 
-def test_the_defaults_file_has_every_setting_with_a_comment() -> None:
-    found, section, comment = set(), "", False
+def test_defaults_file_has_every_setting_with_comment() -> None:
+    names, section, comment = set(), "", False
     for line in commented_defaults().splitlines():
         if line.startswith("["):
             section = line.strip("[]")
         elif line and not line.startswith("#"):
             assert comment, f"{line} has no comment"
-            found.add(f"{section}.{line.partition(' = ')[0]}")
+            names.add(f"{section}.{line.partition(' = ')[0]}")
         elif line.endswith(" ="):  # not set by default
             assert comment, f"{line} has no comment"
-            found.add(f"{section}.{line[2:-2]}".lstrip("."))
+            names.add(f"{section}.{line[2:-2]}".lstrip("."))
         comment = line.startswith("# ")
-    assert found == keys("", Config())
+    assert names == keys("", Config())
     assert tomllib.loads(commented_defaults())["cell"]["surface"]
 
 
-def test_the_schema_describes_every_setting_by_its_key() -> None:
+def test_schema_describes_every_setting() -> None:
     described = json.loads(json.dumps(schema()))
 
     def walk(prefix: str, node: dict[str, Any]) -> set[str]:
-        found: set[str] = set()
+        keys: set[str] = set()
         for name, entry in node["properties"].items():
             key = f"{prefix}.{name}" if prefix else name
             assert entry.get("description"), key
             inner = entry.get("$ref", "").removeprefix("#/$defs/")
             table = described["$defs"].get(inner, {})
-            found |= walk(key, table) if "properties" in table else {key}
-        return found
+            keys |= walk(key, table) if "properties" in table else {key}
+        return keys
 
     assert walk("", described) == keys("", with_all_kinds())
     tables = [node for node in described["$defs"].values() if "properties" in node]
     assert not any(table.get("additionalProperties", True) for table in tables)
 
 
-def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
+def test_profile_rows_include_every_marked_setting(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_text("[robot.s3.link]\nbid_limit = 7\n")
     rows = dict(profile_rows(load_config(path, {})))
@@ -188,7 +194,7 @@ def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
     assert rows["cell.s3.robot.turnaround_ms"].info.mark is Mark.ASSUMED
 
 
-def test_a_default_that_depends_on_the_model_is_shown_as_it_is_and_gives_way_to_the_user(
+def test_model_dependent_default_can_be_overridden(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "c.toml"
@@ -214,7 +220,7 @@ def test_a_default_that_depends_on_the_model_is_shown_as_it_is_and_gives_way_to_
     assert read_config(json.loads(dump(config))) == config
 
 
-def test_a_profile_stands_for_its_settings_beside_others_and_comes_back_from_a_record(tmp_path: Path) -> None:
+def test_link_profile_expands_and_round_trips(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text('[robot.s3.link]\nprofile = "observed-client"\nbaudrate = 19200\n')
     config = load_config(file, {"cell.s3.link.profile": "observed-client"})

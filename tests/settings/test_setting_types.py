@@ -1,4 +1,4 @@
-"""Settings are typed: a misspelt one does not pass the type check, for our kinds and for those of others."""
+"""Settings are typed: a misspelt one fails the type check, for built-in and plug-in kinds."""
 
 import subprocess
 import sys
@@ -31,8 +31,8 @@ WRONG = {
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The answer of the type check to right and wrong settings, each wrong one in a line of its own."""
+def mypy_output(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the output of the type check for valid and invalid settings, each invalid one on a separate line."""
     file = tmp_path_factory.mktemp("types") / "snippet.py"
     file.write_text(HEAD + RIGHT + "".join(f"print({text})\n" for text in WRONG))
     root = Path(__file__).parents[2]
@@ -40,10 +40,10 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> str:
     return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False).stdout
 
 
-def test_a_misspelt_setting_does_not_pass_the_type_check(told: str) -> None:
-    for text, words in WRONG.items():
-        assert words in told, text
+def test_type_check_refuses_misspelt_setting(mypy_output: str) -> None:
+    for text, message in WRONG.items():
+        assert message in mypy_output, text
 
 
-def test_settings_that_are_there_pass(told: str) -> None:
-    assert f"Found {len(WRONG)} errors in 1 file" in told
+def test_type_check_accepts_existing_settings(mypy_output: str) -> None:
+    assert f"Found {len(WRONG)} errors in 1 file" in mypy_output

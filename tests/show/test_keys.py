@@ -1,4 +1,4 @@
-"""Single keys of a terminal: read in the foreground alone, and never by waiting for a paused terminal."""
+"""Single keys of a terminal: read only in the foreground, and without waiting for a paused terminal."""
 
 import os
 import pty
@@ -14,81 +14,77 @@ import pytest
 from hil_bridge.console import keys
 
 DEADLINE_S = 10.0
-"""Longest wait for a thread; it is not used up."""
+"""Longest wait for a thread; normally not reached."""
 
 
 @pytest.fixture
 def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A terminal for standard input, whose foreground is this process: the end at which an operator types."""
-    person, terminal = pty.openpty()
+    """Return a terminal for standard input with this process in the foreground: the end at which an operator types."""
+    keyboard, terminal = pty.openpty()
     with FileIO(terminal) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         monkeypatch.setattr(os, "tcgetpgrp", lambda source: os.getpgrp())
-        yield person
-    os.close(person)
+        yield keyboard
+    os.close(keyboard)
 
 
 def modes(terminal: int) -> int:
-    found: int = termios.tcgetattr(terminal)[3]
-    return found & (termios.ICANON | termios.ECHO)
+    result: int = termios.tcgetattr(terminal)[3]
+    return result & (termios.ICANON | termios.ECHO)
 
 
-def test_keys_come_at_once_and_the_terminal_is_what_it_was(typed: int) -> None:
-    heard, came = [], threading.Event()
+def test_keys_arrive_at_once_and_terminal_is_restored(typed: int) -> None:
+    received, arrived = [], threading.Event()
     before = modes(sys.stdin.fileno())
 
     def react(key: str) -> None:
-        heard.append(key)
-        came.set()
+        received.append(key)
+        arrived.set()
 
     with keys.listen_for_keys(react):
         assert modes(sys.stdin.fileno()) == 0
         os.write(typed, b"p")
-        assert came.wait(DEADLINE_S)
-    assert heard == ["p"]
+        assert arrived.wait(DEADLINE_S)
+    assert received == ["p"]
     assert modes(sys.stdin.fileno()) == before
 
 
-def test_a_process_in_the_background_takes_no_key_and_leaves_the_terminal_alone(
-    typed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    heard: list[str] = []
-    asked = threading.Semaphore(0)
+def test_background_process_leaves_terminal_unchanged(typed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    received: list[str] = []
+    requested = threading.Semaphore(0)
 
     def another(source: int) -> int:
-        asked.release()
+        requested.release()
         return os.getpgrp() + 1
 
-    with keys.listen_for_keys(heard.append):
+    with keys.listen_for_keys(received.append):
         monkeypatch.setattr(os, "tcgetpgrp", another)
         os.write(typed, b"r")
-        for _ in range(2):  # looked at, and once more: a read would have come between
-            assert asked.acquire(timeout=DEADLINE_S)
+        for _ in range(2):  # checked twice: a read would have occurred in between
+            assert requested.acquire(timeout=DEADLINE_S)
         by_shell = termios.tcgetattr(sys.stdin.fileno())
         by_shell[0] &= ~termios.ICRNL
         termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, by_shell)
-    assert heard == []
+    assert received == []
     assert termios.tcgetattr(sys.stdin.fileno()) == by_shell
 
 
-def test_a_process_that_ends_in_the_background_leaves_no_terminal_without_echo(
-    typed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_process_ending_in_background_restores_echo(typed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     before = modes(sys.stdin.fileno())
     with keys.listen_for_keys(lambda key: None):
         monkeypatch.setattr(os, "tcgetpgrp", lambda source: os.getpgrp() + 1)
     assert modes(sys.stdin.fileno()) == before
 
 
-def test_a_paused_terminal_is_not_waited_for(typed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paused_terminal_does_not_block(typed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     change = termios.tcsetattr
-    ways: list[int] = []
+    paths: list[int] = []
 
     def changed(source: int, when: int, attributes: Any) -> None:
-        ways.append(when)
+        paths.append(when)
         change(source, when, attributes)
 
     monkeypatch.setattr(termios, "tcsetattr", changed)
     with keys.listen_for_keys(lambda key: None):
         pass
-    assert ways == [termios.TCSANOW] * 2
+    assert paths == [termios.TCSANOW] * 2

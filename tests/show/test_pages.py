@@ -1,4 +1,4 @@
-"""The parts that pages in a browser share: one document, no addresses, texts that stay texts."""
+"""Shared parts of browser pages: one document, no external addresses, escaped texts."""
 
 import json
 import math
@@ -15,20 +15,20 @@ HOSTILE = "</script><script>alert(1)</script><!-- \u2028\u2029 & \" ' \\"
 
 
 class _Elements(HTMLParser):
-    """Every element with its attributes, and the text of each script."""
+    """Parser that collects every element with its attributes, and the text of each script."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.scripts: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found.append((tag, dict(attrs)))
+        self.elements.append((tag, dict(attrs)))
         if tag == "script":
             self.scripts.append("")
 
     def handle_data(self, data: str) -> None:
-        if self.found and self.lasttag == "script":
+        if self.elements and self.lasttag == "script":
             self.scripts[-1] += data
 
 
@@ -42,37 +42,35 @@ def _page() -> str:
     return document(HOSTILE, room("run", charts))
 
 
-def test_a_hostile_text_stays_a_text_in_title_and_data() -> None:
+def test_page_escapes_hostile_text_in_title_and_data() -> None:
     page = _page()
     parser = _Elements()
     parser.feed(page)
-    assert [tag for tag, _ in parser.found].count("script") == 2
-    told = json.loads(parser.scripts[0])
-    assert told["marks"] == [{"x": 1.0, "text": HOSTILE, "kind": "stop"}]
-    assert told["sources"]["cycle"] == {"x": [0.0, 1.0, 2.0], HOSTILE: [1.5, None, None]}
+    assert [tag for tag, _ in parser.elements].count("script") == 2
+    reported = json.loads(parser.scripts[0])
+    assert reported["marks"] == [{"x": 1.0, "text": HOSTILE, "kind": "stop"}]
+    assert reported["sources"]["cycle"] == {"x": [0.0, 1.0, 2.0], HOSTILE: [1.5, None, None]}
     assert "\u2028" not in page.split("<body>")[1].split("</script>")[0]
 
 
-def test_a_page_loads_nothing_and_runs_no_other_script() -> None:
+def test_page_policy_allows_only_its_script() -> None:
     parser = _Elements()
     parser.feed(_page())
-    for tag, attributes in parser.found:
+    for tag, attributes in parser.elements:
         assert not {"src", "href", "srcset", "action"} & set(attributes), (tag, attributes)
     assert not re.search(r"url\(|@import|https?://(?!github\.com/leeoniya/uPlot)", assets.style())
-    (policy,) = [a["content"] for t, a in parser.found if t == "meta" and "http-equiv" in a]
+    (policy,) = [a["content"] for t, a in parser.elements if t == "meta" and "http-equiv" in a]
     assert policy is not None
     assert policy.startswith("default-src 'none';")
     assert "script-src 'sha256-" in policy
 
 
-def test_the_licence_of_the_drawing_library_goes_with_every_page() -> None:
+def test_every_page_contains_uplot_licence() -> None:
     assert "Copyright (c) 2021 Leon Sorokin" in _page()
     assert "The above copyright notice and this permission notice shall be included" in _page()
 
 
-def test_an_installation_without_the_library_says_so_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_uplot_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assets.asset.cache_clear()
     monkeypatch.setattr(assets, "files", lambda _package: tmp_path)
     with pytest.raises(

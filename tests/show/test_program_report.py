@@ -1,4 +1,4 @@
-"""The report of a program: its steps as a table, and where they led as pictures."""
+"""Report of a program: its steps as a table, and its path as pictures."""
 
 import re
 import tomllib
@@ -60,9 +60,7 @@ def without_program(recording: Recording) -> Recording:
     return Recording(cycles, recording.sensors, recording.events, devices=recording.devices)
 
 
-def test_the_page_holds_a_row_for_each_step_and_names_the_failed_criterion(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_page_lists_steps_and_failed_criterion(recording: Recording, tmp_path: Path) -> None:
     page = write_report(recording, summarise(recording), tmp_path).read_text()
     assert page.count("<h2>Steps</h2>") == 1
     rows = re.findall(r"<tr><td>(\d \(\w+\))</td>(.*?)</tr>", page)
@@ -74,19 +72,19 @@ def test_the_page_holds_a_row_for_each_step_and_names_the_failed_criterion(
     assert re.search(r"<td class=\"value\">6\.00 … 1[12]\.\d\d N</td>", page)
 
 
-def test_a_run_without_a_program_has_no_such_section(recording: Recording) -> None:
+def test_page_without_program_omits_steps_section(recording: Recording) -> None:
     plain = without_program(recording)
     assert steps_section(plain, summarise(plain)) == ""
 
 
-def test_the_charts_tell_feed_and_normal_and_the_map_the_path(recording: Recording) -> None:
+def test_charts_show_feed_and_normal_and_map_shows_path(recording: Recording) -> None:
     charts, _ = run_charts(recording)
     by_id = {chart.id: chart for chart in charts.charts}
     assert {"feed", "normal"} < set(by_id)
     texts = [span.text for span in charts.spans]
     steps = {span.text: span.kind for span in charts.spans if "(" in span.text}
     assert steps == {"1 (approach)": "approach", "2 (track)": "track", "3 (retract)": "retract"}
-    assert texts[:-1][-3:] == list(steps), "phases stand before and after the steps alone"
+    assert texts[:-1][-3:] == list(steps), "phases precede and follow the steps"
     assert set(texts) - set(steps) <= {"connect", "tare", "retract"}
     cycle = charts.sources["cycle"]
     for at, force in zip(recording.cycles, cycle["force_reference"], strict=True):
@@ -95,13 +93,13 @@ def test_the_charts_tell_feed_and_normal_and_the_map_the_path(recording: Recordi
     assert cycle[SIGMA] == [None if value is None else pytest.approx(value, rel=1e-5) for value in sigma]
     path = path_map(recording)
     assert path is not None
-    drawn = map_svg(path)
-    assert drawn.count("<path ") > 20
-    assert ">2</text>" in drawn, "the number of the step that tracks"
-    assert drawn in steps_section(recording, summarise(recording))
+    svg = map_svg(path)
+    assert svg.count("<path ") > 20
+    assert ">2</text>" in svg, "the number of the step that tracks"
+    assert svg in steps_section(recording, summarise(recording))
 
 
-def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
+def test_charts_without_values_are_omitted(recording: Recording) -> None:
     hidden = {FEED, SIGMA, *NORMALS}
     cycles = tuple(
         structs.replace(
@@ -112,16 +110,16 @@ def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
         )
         for cycle in recording.cycles
     )
-    still = Recording(cycles, steps=recording.steps)
-    charts, _ = run_charts(still)
+    stationary = Recording(cycles, steps=recording.steps)
+    charts, _ = run_charts(stationary)
     assert not {"feed", "normal", "way"} & {chart.id for chart in charts.charts}
-    assert path_map(still) is None
+    assert path_map(stationary) is None
     assert path_map(without_program(recording)) is None
 
 
 @pytest.mark.full
-def test_page_and_picture_draw_the_same_map(recording: Recording, figures: list[Figure]) -> None:
-    """The pieces of the path that were pressed, in the colours of their errors, and the number of their step."""
+def test_page_and_picture_draw_same_map(recording: Recording, figures: list[Figure]) -> None:
+    """Compares the pressed segments of the path, in the colours of their errors, and the numbers of their steps."""
     path = path_map(recording)
     assert path is not None
     free, pressed = path.traces
@@ -134,8 +132,8 @@ def test_page_and_picture_draw_the_same_map(recording: Recording, figures: list[
     assert [(spot.text, spot.x) for spot in path.spots] == [("2", pytest.approx(pressed.x[0]))]
     draw(recording, summarise(recording))
     (ax,) = (one for one in figures[-1].axes if one.get_title(loc="left") == path.title)
-    (drawn,) = (one for one in ax.collections if isinstance(one, LineCollection))
-    assert np.asarray(drawn.get_array()).tolist() == pytest.approx(errors[:-1])
+    (lines,) = (one for one in ax.collections if isinstance(one, LineCollection))
+    assert np.asarray(lines.get_array()).tolist() == pytest.approx(errors[:-1])
     assert [text.get_text() for text in ax.texts] == ["2"]
     assert (ax.get_xlabel(), ax.get_ylabel()) == (path.x_label, path.y_label)
     svg = map_svg(path)
@@ -143,8 +141,8 @@ def test_page_and_picture_draw_the_same_map(recording: Recording, figures: list[
     assert f">{path.title}<" in svg
 
 
-def test_a_map_keeps_its_shape_in_any_room() -> None:
-    """Equal scales: a high map is made narrow, and a flat one shows more above and below."""
+def test_map_keeps_aspect_ratio_in_any_size() -> None:
+    """Equal scales: a tall map becomes narrower, and a flat one gets more space above and below."""
 
     def map_of(x: float, y: float) -> Map:
         return Map("m", "", "", "", (0.0, x), (0.0, y), Scale("sign", -1.0, 1.0, "N"), heights_px=(100, 500))
@@ -155,13 +153,11 @@ def test_a_map_keeps_its_shape_in_any_room() -> None:
 
 
 @pytest.mark.full
-def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presses(
-    recording: Recording, figures: list[Figure]
-) -> None:
+def test_picture_draws_target_force_while_pressing(recording: Recording, figures: list[Figure]) -> None:
     draw(recording, summarise(recording))
     (target,) = (line for line in figures[-1].axes[0].lines if line.get_label() == "target")
-    drawn = np.asarray(target.get_ydata(), dtype=float).tolist()
-    for cycle, force in zip(recording.cycles, drawn, strict=True):
+    forces = np.asarray(target.get_ydata(), dtype=float).tolist()
+    for cycle, force in zip(recording.cycles, forces, strict=True):
         assert (
             force == pytest.approx(cycle.force_reference, rel=1e-5)
             if cycle.phase == "track"
@@ -171,7 +167,7 @@ def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presse
     assert "2 (track)" in texts
 
 
-def test_the_borders_of_too_many_steps_are_left_out() -> None:
+def test_borders_of_too_many_steps_are_omitted() -> None:
     def drawn(count: int) -> tuple[int, set[str]]:
         spans = [Span(float(k), k + 1.0, f"1.1 (zero, pass {k})", "zero", short="1.1") for k in range(count)]
         chart = Chart("force", "Force", "N")
@@ -180,12 +176,12 @@ def test_the_borders_of_too_many_steps_are_left_out() -> None:
         return len(ax.patches), {text.get_text() for text in ax.texts}
 
     assert drawn(201) == (0, set())
-    assert drawn(10) == (10, {"1.1"}), "there is no room for more"
+    assert drawn(10) == (10, {"1.1"}), "there is no space for more"
 
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """Every figure that is made."""
+    """Return every figure that is created."""
     made: list[Figure] = []
     begin = Figure.__init__
 

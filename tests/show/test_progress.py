@@ -1,11 +1,11 @@
-"""Progress of many runs where standard error is no terminal: a line a minute, with rate and time left."""
+"""Progress of many runs if standard error is not a terminal: a line per minute, with rate and remaining time."""
 
 import pytest
 
 from hil_bridge.console import progress
 
 
-def test_a_log_has_a_line_a_minute(
+def test_progress_log_has_one_line_per_minute(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = 1000.0

@@ -53,7 +53,7 @@ NEWTON_PER_COUNT, BIAS_COUNTS = 0.025, 37
 
 
 def run(seconds: float = 8.0) -> Recording:
-    """A noisy stream: the tool presses along −z, first with nothing, then up to 50 N."""
+    """Return a run with a noisy stream: the tool presses along −z, first without force, then up to 50 N."""
     chance, cycles, sensors = random.Random(3), [], []
     for k in range(round(seconds * 500)):
         pressed = 50.0 * (1 - math.exp(-max(0.0, k / 500 - 1)))
@@ -101,15 +101,15 @@ def run(seconds: float = 8.0) -> Recording:
     )
 
 
-def told(page: str) -> dict[str, Any]:
-    """The data that the page gives its charts."""
+def chart_data(page: str) -> dict[str, Any]:
+    """Return the data of the page's charts."""
     (text,) = re.findall(r'<script type="application/json" id="data-run">(.*?)</script>', page, re.DOTALL)
-    found: dict[str, Any] = json.loads(text)
-    return found
+    result: dict[str, Any] = json.loads(text)
+    return result
 
 
 @pytest.mark.full
-def test_the_page_is_the_same_each_time_and_pictures_come_on_request(tmp_path: Path) -> None:
+def test_page_is_deterministic_and_pictures_are_optional(tmp_path: Path) -> None:
     recording = run(1.5)
     summary = summarise(recording, END)
     page = write_report(recording, summary, tmp_path / "new" / "a")
@@ -122,7 +122,7 @@ def test_the_page_is_the_same_each_time_and_pictures_come_on_request(tmp_path: P
     assert again.with_name("report.pdf").read_bytes().startswith(b"%PDF-")
 
 
-def test_a_picture_without_matplotlib_is_refused_in_one_line(
+def test_picture_without_matplotlib_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -135,7 +135,7 @@ def test_a_picture_without_matplotlib_is_refused_in_one_line(
     assert write_report(recording, summarise(recording, END), tmp_path).exists()
 
 
-def test_the_charts_hold_what_the_recording_holds() -> None:
+def test_charts_match_recording() -> None:
     recording = run()
     truths = tuple(
         TruthRecord(
@@ -154,9 +154,9 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
         EventRecord(24.0, EventKind.FAULT, "two", fault=FaultNote("bus", "errors", FaultStage.ENDS)),
     )
     recording = dataclasses.replace(recording, truths=truths, events=(*faults, *recording.events))
-    found = told(page(recording, summarise(recording, END)))
+    result = chart_data(page(recording, summarise(recording, END)))
     zero = recording.cycles[0].started_at
-    cycle = found["sources"]["cycle"]
+    cycle = result["sources"]["cycle"]
     assert cycle["x"] == pytest.approx([c.controlled_at - zero for c in recording.cycles], abs=1e-5)
     columns: dict[str, list[float | None]] = {
         "force": [c.force for c in recording.cycles],
@@ -168,30 +168,30 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
     }
     for name, expected in columns.items():
         assert cycle[name] == [None if v is None else pytest.approx(v, rel=1e-5) for v in expected], name
-    truth = found["sources"]["truth"]
+    truth = result["sources"]["truth"]
     assert truth["force"] == pytest.approx([c.force + 1.0 for c in recording.cycles], rel=1e-5)
     assert truth["depth"] == pytest.approx([1e3 * c.depth + 0.01 for c in recording.cycles], rel=1e-5)
-    by_id = {chart["id"]: chart for chart in found["charts"]}
+    by_id = {chart["id"]: chart for chart in result["charts"]}
     assert by_id["force"]["limits"] == [
         {"value": 47.0, "label": "force limit"},
         {"value": -10.0, "label": "pull limit"},
     ]
     assert [s["label"] for s in by_id["force"]["series"] if s.get("layer") == "truth"] == ["true force"]
-    assert {layer["id"] for layer in found["layers"]} == {"truth", "stream"}
-    spans = {span["text"]: (span["begin"], span["end"]) for span in found["spans"]}
+    assert {layer["id"] for layer in result["layers"]} == {"truth", "stream"}
+    spans = {span["text"]: (span["begin"], span["end"]) for span in result["spans"]}
     assert spans["bus: errors"] == pytest.approx((22.0 - zero, 24.0 - zero))
     assert list(spans)[:2] == ["approach", "track"]
-    assert [mark["kind"] for mark in found["marks"] if "kind" in mark] == ["fault", "stop"]
+    assert [mark["kind"] for mark in result["marks"] if "kind" in mark] == ["fault", "stop"]
 
 
-@pytest.mark.parametrize(("retracted", "shown"), [(False, True), (True, False)])
-def test_a_tool_on_the_surface_has_its_badge_by_value_and_not_by_words(retracted: bool, shown: bool) -> None:
+@pytest.mark.parametrize(("retracted", "has_badge"), [(False, True), (True, False)])
+def test_not_retracted_badge_depends_on_value_only(retracted: bool, has_badge: bool) -> None:
     end = dataclasses.replace(END, left="somewhere", rest={"retracted": retracted})
     recording = dataclasses.replace(run(), end=end.as_metadata())
-    assert (">NOT retracted</span>" in page(recording, summarise(recording))) is shown
+    assert (">NOT retracted</span>" in page(recording, summarise(recording))) is has_badge
 
 
-def test_a_long_run_is_thinned_to_a_bounded_page_without_losing_a_peak() -> None:
+def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
     recording = run()
     base = recording.cycles[0]
     cycles = []
@@ -202,7 +202,7 @@ def test_a_long_run_is_thinned_to_a_bounded_page_without_losing_a_peak() -> None
     text = page(recording, summarise(recording, END))
     assert len(text) < 2_000_000
     assert "of 60000 rows of cycle" in text
-    force = told(text)["sources"]["cycle/force"]
+    force = chart_data(text)["sources"]["cycle/force"]
     assert len(force["x"]) <= 4000
     assert force["x"] == sorted(force["x"])
     peak = cycles[31_234]
@@ -213,7 +213,7 @@ def test_a_long_run_is_thinned_to_a_bounded_page_without_losing_a_peak() -> None
         )
 
 
-def test_the_page_escapes_everything_and_loads_nothing(tmp_path: Path) -> None:
+def test_page_escapes_all_text_and_loads_nothing(tmp_path: Path) -> None:
     recording = run()
     text = write_report(recording, summarise(recording, END), tmp_path).read_text()
     assert text.count("<script") == text.count("</script>") == 2
@@ -223,10 +223,10 @@ def test_the_page_escapes_everything_and_loads_nothing(tmp_path: Path) -> None:
     )
     assert not re.search(r"(src|href|srcset)=", text)
     assert "http:" not in text.split("<body>")[1].rpartition("<script>")[0]
-    assert f"stop: {EVIL}"[:160] in [mark["text"] for mark in told(text)["marks"]]
+    assert f"stop: {EVIL}"[:160] in [mark["text"] for mark in chart_data(text)["marks"]]
 
 
-def test_settings_are_told_as_differences_from_the_defaults() -> None:
+def test_page_lists_settings_that_differ_from_defaults() -> None:
     rows = {key: (value, default) for key, value, default in from_defaults(run())}
     assert rows == {
         "limits.force_limit_n": ("47.0", "50.0"),
@@ -236,18 +236,18 @@ def test_settings_are_told_as_differences_from_the_defaults() -> None:
     }
 
 
-def test_little_of_a_run_still_gives_page_and_picture() -> None:
-    """One cycle, no stream, no estimate, no number known, not even a floor."""
+def test_partial_run_still_gives_page_and_picture() -> None:
+    """The run has one cycle, no stream, no estimate, and no known figures."""
     only = structs.replace(run().cycles[0], force=math.nan, answered_at=math.nan)
     recording = Recording((only,), truncated=True)
     assert draw(recording, summarise(recording)).startswith(b"\x89PNG")
-    found = told(page(recording, summarise(recording)))
-    assert found["charts"][0]["id"] == "force", "the force has its place also where nothing is told of it"
-    assert [series["label"] for series in found["charts"][0]["series"]] == ["target"]
-    assert "force" not in found["sources"]["cycle"]
+    result = chart_data(page(recording, summarise(recording)))
+    assert result["charts"][0]["id"] == "force", "the force chart exists even without force data"
+    assert [series["label"] for series in result["charts"][0]["series"]] == ["target"]
+    assert "force" not in result["sources"]["cycle"]
 
 
-def test_neither_run_nor_report_nor_replay_needs_matplotlib(tmp_path: Path) -> None:
+def test_run_report_and_replay_work_without_matplotlib(tmp_path: Path) -> None:
     commands = (
         ["run", "--virtual", "--duration", "1", "--record", "r.mcap", "--report", ".", "--no-view"],
         ["report", "r.mcap", "--overwrite"],
@@ -258,14 +258,14 @@ def test_neither_run_nor_report_nor_replay_needs_matplotlib(tmp_path: Path) -> N
         f"for command in {commands!r}:\n"
         "    sys.argv[1:] = command\n    try: main()\n    except SystemExit as end: assert not end.code, command\n"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
     assert (tmp_path / "report.html").exists()
 
 
-def test_the_stream_is_scaled_by_the_facts_and_shifted_to_the_cycles() -> None:
+def test_stream_is_scaled_and_shifted_to_cycles() -> None:
     recording = run()
     stream = stream_force(recording)
     assert stream is not None
@@ -277,7 +277,7 @@ def test_the_stream_is_scaled_by_the_facts_and_shifted_to_the_cycles() -> None:
     assert high.max() == pytest.approx(true.max())
 
 
-def test_a_stream_that_the_cycles_do_not_follow_is_not_drawn() -> None:
+def test_stream_inconsistent_with_cycles_is_not_drawn() -> None:
     recording = run()
     turned = tuple(
         structs.replace(cycle, force=-cycle.force if cycle.cycle % 2 else cycle.force)
@@ -288,25 +288,25 @@ def test_a_stream_that_the_cycles_do_not_follow_is_not_drawn() -> None:
 
 
 @pytest.mark.parametrize("unknown", [{"devices": {}}, {"metadata": {}}])
-def test_a_stream_is_not_drawn_without_scale_or_direction(unknown: dict[str, Any]) -> None:
+def test_stream_without_scale_or_direction_is_not_drawn(unknown: dict[str, Any]) -> None:
     assert stream_force(dataclasses.replace(run(), **unknown)) is None
 
 
-def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_unwritable_report_path_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     recording = run(1.5)
     with pytest.raises(ConfigError, match="cannot make the directory"):
         write_report(recording, summarise(recording, END), tmp_path / "file")
 
 
-def test_a_run_in_virtual_time_has_the_date_of_its_file() -> None:
+def test_virtual_run_has_date_of_its_file() -> None:
     virtual = dataclasses.replace(run(1.0), metadata={"time": "virtual"})
     dated = dataclasses.replace(virtual, written_at=1_700_000_000.0)
     assert "2023-11-14 22:13:20 UTC; in virtual time" in page(dated, summarise(dated))
     assert '<td class="value">in virtual time</td>' in page(virtual, summarise(virtual))
 
 
-def test_title_and_head_of_the_page_say_the_same() -> None:
+def test_page_title_and_heading_agree() -> None:
     recording = run(1.0)
     text = page(recording, summarise(recording))
     (head,) = re.findall("<h1>(.*?)</h1>", text)
@@ -314,8 +314,8 @@ def test_title_and_head_of_the_page_say_the_same() -> None:
 
 
 @pytest.mark.parametrize(("kind", "label"), [("rtde", "cycles missing"), ("egm", "packets missing")])
-def test_report_counts_cycles_that_a_tcp_robot_leaves_out(kind: str, label: str) -> None:
-    """TCP loses no packet; the recording keeps the counter's own name."""
+def test_report_counts_cycles_skipped_by_tcp_robot(kind: str, label: str) -> None:
+    """TCP loses no packets; the recording keeps the counter's own name."""
     end = dataclasses.replace(END, link={MISSING: 3, STALE: 0}).as_metadata()
     devices = Devices(robot=Setup(hil_bridge.load({"robot": {"emulated": kind}})).facts)
     recording = dataclasses.replace(run(1.0), devices=devices.as_metadata(), end=end)

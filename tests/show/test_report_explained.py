@@ -1,4 +1,4 @@
-"""How stable the loop was and what the controller did, as the page tells it from a record."""
+"""Stability of the loop and decisions of the controller, as the page derives them from a recording."""
 
 import dataclasses
 import json
@@ -39,7 +39,7 @@ from tests.record.written_recordings import cycle_of
 
 PERIOD, WAIT = 0.2, 0.1
 STEP = 0.125e-3
-"""m"""
+"""Resolution of the position, m."""
 
 
 def config(name: str = "pi", **parameters: Any) -> dict[str, Any]:
@@ -54,7 +54,7 @@ SERVO = ServoFacts(0.02, 0.02, 40.0, 1.0, 0.5)
 
 def cycle(k: int, force: float = 10.0, **others: Any) -> CycleRecord:
     at = 100.0 + k * PERIOD
-    whole: dict[str, Any] = {
+    complete: dict[str, Any] = {
         "cycle": k,
         "phase": "track",
         "started_at": at,
@@ -71,7 +71,7 @@ def cycle(k: int, force: float = 10.0, **others: Any) -> CycleRecord:
         "stiffness": 5000.0,
         "in_contact": True,
     }
-    return cycle_of(**(whole | others))
+    return cycle_of(**(complete | others))
 
 
 def record(
@@ -80,7 +80,7 @@ def record(
     delay_s: float = 0.0,
     **robot: Any,
 ) -> Recording:
-    """Cycles of a run with these facts of its robot, and a filter of its sensor that delays so long."""
+    """Return cycles of a run with these facts of its robot, and this delay of the sensor's filter."""
     settings = config() if settings is None else settings
     name = settings.get("controller", {}).get("name", "")
     facts = {"kind": "s3", "emulated": True, "position_step_m": STEP, "servo": SERVO, **robot}
@@ -92,9 +92,9 @@ def record(
 
 
 def analysis(recording: Recording) -> Analysis:
-    found = analyse(recording, summarise(recording))
-    assert found is not None
-    return found
+    result = analyse(recording, summarise(recording))
+    assert result is not None
+    return result
 
 
 def linear(recording: Recording) -> LinearLoop:
@@ -108,30 +108,30 @@ def section(recording: Recording) -> str:
 
 
 def square(k: int) -> CycleRecord:
-    """A force between two positions, the command going over their border: ten samples a period."""
+    """Return a force between two positions while the command crosses their border: ten samples per period."""
     up = k % 10 < 5
     return cycle(k, 10.3 if up else 9.7, depth_commanded=0.01 + (STEP if up else 0.0))
 
 
-def test_sample_time_and_delay_are_those_of_the_record() -> None:
-    found = analysis(record([cycle(k) for k in range(60)]))
-    assert found.plant.period == pytest.approx(PERIOD)
-    assert found.plant.delay == pytest.approx(WAIT + 0.5 * 0.02 + 0.02)
-    assert [part.seconds for part in found.delay] == pytest.approx([WAIT, 0.01, 0.02])
-    assert (found.stiffness, found.step_force) == pytest.approx((5000.0, 0.625))
+def test_stability_sample_time_and_delay_match_recording() -> None:
+    result = analysis(record([cycle(k) for k in range(60)]))
+    assert result.plant.period == pytest.approx(PERIOD)
+    assert result.plant.delay == pytest.approx(WAIT + 0.5 * 0.02 + 0.02)
+    assert [part.seconds for part in result.delay] == pytest.approx([WAIT, 0.01, 0.02])
+    assert (result.stiffness, result.step_force) == pytest.approx((5000.0, 0.625))
     slower = analysis(record([cycle(k) for k in range(60)], delay_s=0.0159))
-    assert slower.plant.delay - found.plant.delay == pytest.approx(0.0159)
+    assert slower.plant.delay - result.plant.delay == pytest.approx(0.0159)
 
 
-def test_a_move_is_accepted_when_its_answer_begins() -> None:
+def test_stability_move_is_accepted_at_start_of_response() -> None:
     late = analysis(record([cycle(k) for k in range(60)]))
-    found = analysis(record([cycle(k) for k in range(60)], hops=robot_hops(LinkProfile())))
+    result = analysis(record([cycle(k) for k in range(60)], hops=robot_hops(LinkProfile())))
     # ENQ, ACK, a telegram of 8 in a block of 13, ACK, EOT: 11 bits each
-    assert late.plant.delay - found.plant.delay == pytest.approx(17 * 11 / 9600)
-    assert found.delay[0].label == "frame's arrival to the move's acceptance"
+    assert late.plant.delay - result.plant.delay == pytest.approx(17 * 11 / 9600)
+    assert result.delay[0].label == "frame's arrival to the move's acceptance"
 
 
-def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:
+def test_stability_uses_filter_of_recorded_sensor() -> None:
     cycles = [cycle(k) for k in range(60)]
 
     def lags(recording: Recording) -> list[float]:
@@ -140,25 +140,25 @@ def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:
     assert lags(record(cycles, delay_s=0.02771)) == [0.02771]
     assert lags(record(cycles, delay_s=0.0)) == []
     cut_off = dataclasses.replace(record(cycles), devices={})
-    assert analyse(cut_off, summarise(cut_off)) is None, "it ended before it told of its devices"
+    assert analyse(cut_off, summarise(cut_off)) is None, "it ended before it reported its devices"
 
 
-def test_margins_are_those_of_the_controller_in_the_configuration() -> None:
+def test_stability_margins_use_configured_controller() -> None:
     settings = config(proportional=0.1, integral=0.3, tuned_at_n_m=4000.0)
     recording = record([cycle(k) for k in range(60)], settings)
     plant = SampledPlant(analysis(recording).plant.period, analysis(recording).plant.delay, 40.0, 1.0)
     loop = linear(recording)
-    wanted = margins(5000.0, pi_response(0.1 / 4000.0, 0.3 / 4000.0), plant)
-    assert loop.margins == wanted
+    expected = margins(5000.0, pi_response(0.1 / 4000.0, 0.3 / 4000.0), plant)
+    assert loop.margins == expected
     text = section(recording)
-    assert f">{wanted.gain_margin:.2f}<" in text
-    assert f">{wanted.phase_margin_deg:.0f}°<" in text
-    assert f">{wanted.gain_crossover_rad_s:.2f} rad/s<" in text
+    assert f">{expected.gain_margin:.2f}<" in text
+    assert f">{expected.phase_margin_deg:.0f}°<" in text
+    assert f">{expected.gain_crossover_rad_s:.2f} rad/s<" in text
     body = linear(record([cycle(k) for k in range(60)], config("admittance", mass_kg=50.0)))
     assert body.margins == margins(5000.0, admittance_response(50.0, 2200.0, plant.period), plant)
 
 
-def test_the_margin_is_gone_at_one_stiffness_and_fine_up_to_the_other() -> None:
+def test_stability_margin_vanishes_and_is_comfortable_at() -> None:
     loop = linear(recording := record([cycle(k) for k in range(60)]))
     plant = analysis(recording).plant
     assert margins(loop.unstable_from, loop.response, plant).gain_margin == pytest.approx(1.0)
@@ -170,22 +170,22 @@ def test_the_margin_is_gone_at_one_stiffness_and_fine_up_to_the_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "told"),
+    ("stiffness", "sentence"),
     [
         (2000.0, "the loop is comfortable"),
         (15_000.0, "stable, but not comfortable"),
         (50_000.0, "the linear loop is unstable"),
     ],
 )
-def test_a_sentence_says_whether_the_margins_are_comfortable(stiffness: float, told: str) -> None:
+def test_stability_sentence_rates_margins(stiffness: float, sentence: str) -> None:
     recording = record([cycle(k, stiffness=stiffness) for k in range(60)])
-    gone = linear(recording).unstable_from
-    assert told in (text := section(recording))
-    assert f"{round(gone, -2):,.0f} N/m".replace(",", " ") in text
+    unstable_from = linear(recording).unstable_from
+    assert sentence in (text := section(recording))
+    assert f"{round(unstable_from, -2):,.0f} N/m".replace(",", " ") in text
     assert ("unstable by itself" in text) == (stiffness == 50_000.0)
 
 
-def test_a_scheduled_gain_counts_as_it_was() -> None:
+def test_stability_uses_recorded_scheduled_gain() -> None:
     scheduled = config(gain_scheduling=True)
     hard = record([cycle(k, stiffness=50_000.0, gain=0.1) for k in range(60)], scheduled)
     plain = record([cycle(k, stiffness=5000.0) for k in range(60)])
@@ -194,7 +194,7 @@ def test_a_scheduled_gain_counts_as_it_was() -> None:
     assert "follows the estimate" not in section(plain)
 
 
-def test_only_linear_controllers_have_margins_and_their_figure() -> None:
+def test_only_linear_controllers_have_margins() -> None:
     cycles = [cycle(k) for k in range(60)]
     assert '"id":"phase"' in section(record(cycles))
     for settings in (config("fuzzy"), config("admittance", spring_n_m=100.0), config(proportional="x")):
@@ -204,41 +204,42 @@ def test_only_linear_controllers_have_margins_and_their_figure() -> None:
         assert "Limit cycle" in text
 
 
-def test_a_run_that_rests_is_told_apart_from_one_that_swings() -> None:
+def test_stability_idle_and_oscillating_runs_are_distinguished() -> None:
     rested = analysis(record([cycle(k) for k in range(60)]))
-    assert "the run rested: 0 steps/s" in cycle_sentence(rested)
+    assert "the command did not move: 0 steps/s" in cycle_sentence(rested)
     assert rested.dominant_period is None
     swung = analysis(record([square(k) for k in range(60)]))
     assert swung.predicted is not None
     assert swung.predicted.peak_to_peak == pytest.approx(0.625, rel=0.02)
     assert swung.dominant_period == pytest.approx(10 * PERIOD, rel=0.05)
     ratio = 0.6 / swung.predicted.peak_to_peak
-    assert f"swung by 0.60 N, {ratio:.1f} times that" in cycle_sentence(swung)
-    assert "the limit cycle that the resolution leaves" in cycle_sentence(swung)
+    assert f"varied by 0.60 N, {ratio:.1f} times that" in cycle_sentence(swung)
+    assert "the limit cycle due to the resolution" in cycle_sentence(swung)
     wild = [structs.replace(square(k), force=10.0 + 5.0 * (-1) ** (k // 5)) for k in range(60)]
     assert "does not explain that" in cycle_sentence(analysis(record(wild)))
     slight = [structs.replace(square(k), force=10.0 + 0.1 * (-1) ** (k // 5)) for k in range(60)]
-    assert "did not add up" in cycle_sentence(analysis(record(slight)))
+    assert "do not form" in cycle_sentence(analysis(record(slight)))
     assert "no steady state" in cycle_sentence(analysis(record([cycle(k) for k in range(20)])))
 
 
-def test_the_predicted_limit_cycle_counts_the_dead_band_of_the_servo() -> None:
-    found = analysis(recording := record([square(k) for k in range(60)]))
-    assert found.loop is not None
-    wanted = limit_cycle(5000.0, found.loop.response, found.plant, Quantiser(STEP, 0.5))
-    assert found.predicted == wanted
-    assert f"<td>period</td><td>{wanted.period:.2f} s</td><td>{found.dominant_period:.2f} s</td>" in section(
-        recording
+def test_predicted_limit_cycle_includes_servo_dead_band() -> None:
+    result = analysis(recording := record([square(k) for k in range(60)]))
+    assert result.loop is not None
+    expected = limit_cycle(5000.0, result.loop.response, result.plant, Quantiser(STEP, 0.5))
+    assert result.predicted == expected
+    assert (
+        f"<td>period</td><td>{expected.period:.2f} s</td><td>{result.dominant_period:.2f} s</td>"
+        in section(recording)
     )
 
 
-def test_an_unstable_loop_has_no_phase_margin() -> None:
+def test_unstable_loop_has_no_phase_margin() -> None:
     recording = record([structs.replace(square(k), stiffness=200_000.0) for k in range(60)])
     assert '<td>phase margin</td><td class="value">none</td>' in section(recording)
     assert "the force within 0.60 N, 0.0 steps" in cycle_sentence(analysis(recording))
 
 
-def test_noise_has_no_period() -> None:
+def test_noise_has_no_dominant_period() -> None:
     time = [k * PERIOD for k in range(40)]
     assert dominant_period(time, [math.sin(k * k * 1.7) for k in range(40)]) is None
     assert dominant_period(time, [math.sin(2 * math.pi * t / 1.3) for t in time]) == pytest.approx(
@@ -247,8 +248,8 @@ def test_noise_has_no_period() -> None:
     assert dominant_period(time[:20], [math.sin(t) for t in time[:20]]) is None
 
 
-def test_an_order_waits_half_a_tick_for_the_interpolator_as_the_emulator_has_it() -> None:
-    """And its set point is then the whole correction, which is nearer than a tick goes."""
+def test_stability_interpolator_wait_matches_emulator() -> None:
+    """Its set point is then the full correction, which is closer than a tick moves."""
     profile, now = ServoProfile(), 50.0
     tick, transport = profile.interpolation_ms * 1e-3, profile.transport_delay_ms * 1e-3
     servo = ServoFacts(tick, transport, profile.natural_frequency_rad_s, profile.damping_ratio)
@@ -258,14 +259,14 @@ def test_an_order_waits_half_a_tick_for_the_interpolator_as_the_emulator_has_it(
         ordered = now + (phase + 0.5) / 50 * tick
         arm.enqueue(Waypoint((0.9, 0.0, 0.6 - 2 * STEP), (0.0, 1.0, 0.0, 0.0), 0.05), ordered)
         arm.path.advance(ordered + 1.0)
-        taken = arm.path.begun_at(1)
-        assert taken is not None
-        assert arm.path.at(taken + 1e-6)[0].loops.set_point[2] == round(0.6 / STEP) - 2
-        waits.append(taken - ordered - transport)
+        accepted = arm.path.begun_at(1)
+        assert accepted is not None
+        assert arm.path.at(accepted + 1e-6)[0].loops.set_point[2] == round(0.6 / STEP) - 2
+        waits.append(accepted - ordered - transport)
     assert statistics.fmean(waits) == pytest.approx(servo.wait_s)
 
 
-def test_what_stiffness_and_servo_rest_on_is_named() -> None:
+def test_stability_names_sources_of_stiffness_and_servo() -> None:
     unknown = [cycle(k, stiffness=None) for k in range(60)]
     assert analysis(record(unknown)).stiffness == 7000.0
     assert "as configured for the emulated robot" in section(record(unknown))
@@ -290,7 +291,7 @@ def test_what_stiffness_and_servo_rest_on_is_named() -> None:
         record([cycle(k, stiffness=None) for k in range(60)], emulated=False),
     ],
 )
-def test_there_is_no_section_where_the_record_says_too_little(recording: Recording) -> None:
+def test_sections_without_data_are_omitted(recording: Recording) -> None:
     assert section(recording) == ""
 
 
@@ -308,7 +309,7 @@ EXPLAINED = {
 }
 
 
-def test_levels_rules_and_the_rest_stand_in_the_row_of_their_cycle() -> None:
+def test_decision_table_row_has_levels_rules_and_values() -> None:
     at = cycle(
         3,
         9.5,
@@ -319,9 +320,9 @@ def test_levels_rules_and_the_rest_stand_in_the_row_of_their_cycle() -> None:
         gain=0.5,
         correction=1.25e-4,
     )
-    found = decisions(record([cycle(0), at]), zero=100.0)
-    assert found is not None
-    row = dict(zip(found.titles, found.rows[1], strict=True))
+    result = decisions(record([cycle(0), at]), zero=100.0)
+    assert result is not None
+    row = dict(zip(result.titles, result.rows[1], strict=True))
     assert row == {
         "time, s": "0.68",
         "force, N": "9.50",
@@ -338,21 +339,21 @@ def test_levels_rules_and_the_rest_stand_in_the_row_of_their_cycle() -> None:
     }
 
 
-def test_empty_columns_and_sections_are_left_out(tmp_path: Path) -> None:
+def test_empty_columns_and_sections_are_omitted(tmp_path: Path) -> None:
     plain = record([cycle(k) for k in range(5)])
-    found = decisions(plain, 0.0)
-    assert found is not None
+    result = decisions(plain, 0.0)
+    assert result is not None
     assert not [
-        title for title in found.titles if "level" in title or "rule" in title or title == "other values"
+        title for title in result.titles if "level" in title or "rule" in title or title == "other values"
     ]
     assert "strongest" not in controller_section(plain)
     assert "<details>" in controller_section(plain)
     assert controller_section(record([cycle(0, phase="approach")])) == ""
     text = write_report(plain, summarise(plain, RunEnd(Outcome.COMPLETED)), tmp_path).read_text()
-    assert "What the controller did" in text
+    assert "Decisions of the controller" in text
 
 
-def test_the_strongest_rules_are_counted_and_equal_ones_each() -> None:
+def test_strongest_rules_are_counted_with_ties() -> None:
     first = {"A∧A→A": 0.5, "B∧B→B": 0.7, "level_error": 9.0}
     both = {"A∧A→A": 0.9, "B∧B→B": 0.9, "C∧C→C": 0.1}
     odd = {"C∧C→C": math.nan, "A∧A→A": 0.0}
@@ -361,19 +362,19 @@ def test_the_strongest_rules_are_counted_and_equal_ones_each() -> None:
     assert "<td>B∧B→B</td><td>2</td><td>50.0 %</td><td>0.80</td>" in controller_section(recording)
 
 
-def test_of_many_cycles_at_most_two_hundred_are_shown() -> None:
+def test_decision_table_has_at_most_200_rows() -> None:
     recording = record([cycle(k) for k in range(1000)])
-    found = decisions(recording, 100.08)
-    assert found is not None
-    assert len(found.rows) == 200
-    times = [float(row[0]) for row in found.rows]
+    result = decisions(recording, 100.08)
+    assert result is not None
+    assert len(result.rows) == 200
+    times = [float(row[0]) for row in result.rows]
     assert (times[0], times[-1]) == pytest.approx((0.0, 999 * PERIOD))
     steps = [b - a for a, b in pairwise(times)]
     assert max(steps) - min(steps) <= PERIOD + 0.011
     assert "200 of 1000" in controller_section(recording)
 
 
-def test_everything_is_escaped_and_the_same_each_time() -> None:
+def test_sections_are_escaped_and_deterministic() -> None:
     evil = "<script>→&"
     cycles = [
         cycle(k, explanation={evil: 0.5, "<b>": 1.0}, verdict="<i>", reasons=("<u>",)) for k in range(50)
@@ -385,7 +386,7 @@ def test_everything_is_escaped_and_the_same_each_time() -> None:
 
 
 @pytest.mark.full
-def test_levels_have_a_panel_of_their_own_in_the_picture() -> None:
+def test_picture_has_separate_levels_panel() -> None:
     def height(explanation: dict[str, float]) -> int:
         recording = record([cycle(k, explanation=explanation if k > 3 else {}) for k in range(8)])
         picture = draw(recording, summarise(recording))

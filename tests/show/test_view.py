@@ -52,7 +52,7 @@ ROBOT = robot_facts(LinkProfile())
 
 
 class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
+    """Stream that claims to be a terminal."""
 
     encoding = "utf-8"
 
@@ -67,14 +67,14 @@ def text_of(snapshot: Snapshot, width: int = 80, height: int = 32) -> str:
 
 
 def model(*records: CycleRecord, total_s: float | None = 30.0) -> ViewModel:
-    made = ViewModel(Scene(50.0, ROBOT, total_s))
-    made.snapshot(100.0, Health())
+    view = ViewModel(Scene(50.0, ROBOT, total_s))
+    view.snapshot(100.0, Health())
     for record in records:
-        made.update(record)
-    return made
+        view.update(record)
+    return view
 
 
-def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
+def test_panel_shows_cycle_and_link_values() -> None:
     text = text_of(model(CYCLE).snapshot(110.1617, Health(3, 7, 110.161)))
     for part in (
         "TRACK",
@@ -101,26 +101,26 @@ STEPS = ("1 (approach)", "2.1 (track, pass 1)", "2.1 (track, pass 2)", "3 (retra
 
 
 def program(*records: CycleRecord) -> Snapshot:
-    made = ViewModel(Scene(50.0, ROBOT, steps=STEPS))
-    made.snapshot(100.0, Health())
+    view = ViewModel(Scene(50.0, ROBOT, steps=STEPS))
+    view.snapshot(100.0, Health())
     for record in records:
-        made.update(record)
-    return made.snapshot(110.2, Health())
+        view.update(record)
+    return view.snapshot(110.2, Health())
 
 
-def test_the_view_of_a_program_tells_the_step_under_way_and_its_wanted_force() -> None:
+def test_view_of_program_shows_step_and_target_force() -> None:
     snapshot = program(structs.replace(CYCLE, step=3, force_reference=12.5))
     text = text_of(snapshot)
     assert "TRACK  step 2.1 (track, pass 2)" in text
     assert "target  12.50 N" in text
     assert "step 3 of 4" in text
     assert "to track" not in text
-    told = line(snapshot)
-    assert "step 3 of 4: 2.1 (track, pass 2)" in told
-    assert "of 12.50 N" in told
+    drawn_text = line(snapshot)
+    assert "step 3 of 4: 2.1 (track, pass 2)" in drawn_text
+    assert "of 12.50 N" in drawn_text
 
 
-def test_the_scene_of_a_program_knows_the_steps_that_track() -> None:
+def test_scene_of_program_lists_tracking_steps() -> None:
     path = {"kind": "line", "length_mm": 5.0}
     steps = [{"do": "approach"}, {"do": "track", "path": path}, {"do": "retract"}]
     setup = Setup(read_config({"task": {"step": steps}}))
@@ -131,39 +131,39 @@ def test_the_scene_of_a_program_knows_the_steps_that_track() -> None:
     assert (scene.cell, scene.devices) == ("EMULATED", "s3, jr3")
 
 
-def test_an_event_with_a_traceback_tells_what_was_raised() -> None:
-    made = model(CYCLE)
+def test_event_with_traceback_shows_exception_line() -> None:
+    view = model(CYCLE)
     trace = "Traceback (most recent call last):\n  File somewhere\nValueError: the law is broken\n"
-    made.event(EventRecord(110.0, EventKind.TRACEBACK, trace))
-    made.event(EventRecord(110.1, EventKind.LINK, "first line\nsecond line"))
-    text = text_of(made.snapshot(110.2, Health()))
+    view.event(EventRecord(110.0, EventKind.TRACEBACK, trace))
+    view.event(EventRecord(110.1, EventKind.LINK, "first line\nsecond line"))
+    text = text_of(view.snapshot(110.2, Health()))
     assert "traceback: ValueError: the law is broken" in text
     assert "link: first line" in text
     assert "second line" not in text
 
 
-def test_the_view_of_a_program_wants_no_force_in_free_space() -> None:
+def test_view_of_program_has_no_target_in_free_space() -> None:
     snapshot = program(structs.replace(CYCLE, step=4, phase="retract", force=0.03))
     assert "target" not in text_of(snapshot).splitlines()[1]
     assert "in free space" in text_of(snapshot)
     assert "0.03 N of" not in line(snapshot)
 
 
-def test_the_chart_shows_the_force_that_each_cycle_wanted() -> None:
+def test_chart_shows_target_force_of_each_cycle() -> None:
     rising = [structs.replace(CYCLE, step=2, force=0.0, force_reference=5.0 + k) for k in range(60)]
-    drawn = [line.plain for line in chart(program(*rising), 60 + SCALE_WIDTH, 8)]
-    rows = {column: [k for k, one in enumerate(drawn) if one[column] == "┄"] for column in (12, 40, 68)}
-    assert all(len(found) == 1 for found in rows.values()), drawn
+    lines = [line.plain for line in chart(program(*rising), 60 + SCALE_WIDTH, 8)]
+    rows = {column: [k for k, one in enumerate(lines) if one[column] == "┄"] for column in (12, 40, 68)}
+    assert all(len(result) == 1 for result in rows.values()), lines
     assert rows[12] > rows[40] > rows[68]
 
 
-def test_a_pull_is_told_against_its_own_limit() -> None:
+def test_pull_is_compared_with_pull_limit() -> None:
     pulled = text_of(model(structs.replace(CYCLE, force=-4.0)).snapshot(110.2, Health()))
     assert re.search(r"pull limit +━+─+ +4\.0 of 10 N, 6\.0 N left", pulled)
     assert "of 50 N" not in pulled
 
 
-def test_the_panel_names_what_went_wrong_on_the_link() -> None:
+def test_panel_names_link_errors() -> None:
     counted = {
         "bid sent": 617,
         "bid received": 616,
@@ -178,8 +178,8 @@ def test_the_panel_names_what_went_wrong_on_the_link() -> None:
         110.2, Health(link={**counted, "time-out": 3, "missing EOT": 21, "bad checksum": 1})
     )
     lines = text_of(troubled).splitlines()
-    (told,) = (line for line in lines if " link  " in line)
-    assert "missing EOT 21, time-out 3, bad checksum 1 " in told
+    (text,) = (line for line in lines if " link  " in line)
+    assert "missing EOT 21, time-out 3, bad checksum 1 " in text
     assert len(lines) == len(quiet.splitlines())
 
 
@@ -195,7 +195,7 @@ STAMPED = structs.replace(
 )
 
 
-def test_the_panel_says_where_the_time_goes() -> None:
+def test_panel_shows_latency_breakdown() -> None:
     lines = text_of(model(STAMPED).snapshot(110.17, Health())).splitlines()
     at = next(k for k, line in enumerate(lines) if "latency" in line)
     assert "98 ms p50, 98 p99, 98 max  sample's arrival to answer" in lines[at]
@@ -205,12 +205,12 @@ def test_the_panel_says_where_the_time_goes() -> None:
     assert len(unstamped.splitlines()) == len(lines)
 
 
-def test_a_warning_stays_in_the_panel_and_in_the_lines() -> None:
-    made = model(CYCLE)
-    made.warn("unchecked")
-    made.warn("incomplete: – full")
+def test_warning_remains_in_panel_and_lines() -> None:
+    view = model(CYCLE)
+    view.warn("unchecked")
+    view.warn("incomplete: – full")
     for now in (110.0, 120.0):
-        snapshot = made.snapshot(now, Health())
+        snapshot = view.snapshot(now, Health())
         assert "warning     incomplete: – full; unchecked" in text_of(snapshot)
         assert line(snapshot).endswith("WARNING: incomplete: \\u2013 full; unchecked")
 
@@ -219,12 +219,12 @@ SIZES = [(60, 20), (80, 24), (100, 30), (119, 40), (120, 24), (160, 45), (200, 5
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
-def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int) -> None:
+def test_panel_always_fills_the_terminal(width: int, height: int) -> None:
     stop = structs.replace(CYCLE, force=-1e4, verdict="stop", reasons=("a long cause " * 9,), stiffness=9e6)
     odd = structs.replace(CYCLE, force=math.nan, answered_at=math.nan, stiffness=None, held=True, phase="odd")
     warned = model(*[STAMPED] * 100)
     warned.warn("the disk is full " * 20)
-    shown = [
+    output = [
         model(),
         warned,
         model(total_s=None),
@@ -236,10 +236,10 @@ def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int)
         model(structs.replace(CYCLE, force_reference=0.0, force=0.0)),
     ]
     counters = {str(kind): 10**6 for kind in (*Count, *NoticeKind)}
-    for made in shown:
+    for view in output:
         for k in range(100):
-            made.event(EventRecord(101.0 + k, EventKind.FAULT, "a long text " * 30 + "\nand more"))
-        snapshot = made.snapshot(140.0, Health(10**6, 10**6, 100.0, counters))
+            view.event(EventRecord(101.0 + k, EventKind.FAULT, "a long text " * 30 + "\nand more"))
+        snapshot = view.snapshot(140.0, Health(10**6, 10**6, 100.0, counters))
         lines = text_of(snapshot, width, height).splitlines()
         assert len(lines) == height
         assert {len(line) for line in lines} == {width}
@@ -249,23 +249,23 @@ def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int)
     ("errors", "label"),
     [(("packets missing",), "packets missing 3"), (("stale packets",), "cycles missing 3")],
 )
-def test_panel_labels_missing_packets_by_the_wire(errors: tuple[str, ...], label: str) -> None:
+def test_panel_labels_missing_packets_by_wire(errors: tuple[str, ...], label: str) -> None:
     robot = RobotFacts(errors=errors)
-    made = ViewModel(Scene(50.0, robot, 30.0))
-    made.snapshot(100.0, Health())
-    assert label in text_of(made.snapshot(101.0, Health(link={"packets missing": 3})))
+    view = ViewModel(Scene(50.0, robot, 30.0))
+    view.snapshot(100.0, Health())
+    assert label in text_of(view.snapshot(101.0, Health(link={"packets missing": 3})))
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
-def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int) -> None:
+def test_panel_of_every_size_shows_essential_values(width: int, height: int) -> None:
     scene = Scene(
         50.0, ROBOT, 30.0, cell="REAL", devices="s3, gateway", real=True, record="runs/a/run.mcap", keys=True
     )
-    made = ViewModel(scene)
-    made.snapshot(100.0, Health())
+    view = ViewModel(scene)
+    view.snapshot(100.0, Health())
     sample = structs.replace(CYCLE.sample, wrench=(3.0, 4.0, 48.73, 0.0, 1.0, 0.0))
-    made.update(structs.replace(CYCLE, sample=sample, travel_commanded=0.0125))
-    running = text_of(made.snapshot(110.0, Health()), width, height)
+    view.update(structs.replace(CYCLE, sample=sample, travel_commanded=0.0125))
+    running = text_of(view.snapshot(110.0, Health()), width, height)
     for part in (
         "REAL  s3, gateway",
         "off by -1.27 N",
@@ -275,18 +275,18 @@ def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int
     ):
         assert part in running
     assert "STOPPED" not in running
-    made.event(EventRecord(109.0, EventKind.STOP, "the force rose"))
+    view.event(EventRecord(109.0, EventKind.STOP, "the force rose"))
     for k in range(70):
-        made.event(EventRecord(110.0 + k, EventKind.LINK, "time-out"))
-    stopped = text_of(made.snapshot(111.0, Health()), width, height)
+        view.event(EventRecord(110.0 + k, EventKind.LINK, "time-out"))
+    stopped = text_of(view.snapshot(111.0, Health()), width, height)
     assert "STOPPED     the force rose" in stopped
     assert "TRACK  STOPPED" in stopped
-    last = made.snapshot(111.0, Health())
+    last = view.snapshot(111.0, Health())
     assert "STOPPED: the force rose" in line(last)
-    assert line(last, last.cause).endswith("  STOPPED"), "the cause is in the line before"
+    assert line(last, last.cause).endswith("  STOPPED"), "the cause is in the previous line"
 
 
-def test_the_chart_draws_columns_up_to_the_target() -> None:
+def test_chart_columns_reach_the_target() -> None:
     rising = [structs.replace(CYCLE, force=force) for force in (0.0, 25.0, 50.0)]
     rows = [line.plain for line in chart(model(*rising).snapshot(110.0, Health()), 60 + SCALE_WIDTH, 8)]
     last_three = [[row[column] for row in rows] for column in (-3, -2, -1)]
@@ -294,57 +294,57 @@ def test_the_chart_draws_columns_up_to_the_target() -> None:
     assert "target" in rows[2]
 
 
-def test_a_limit_is_drawn_once_the_force_comes_near_to_it() -> None:
+def test_limit_is_drawn_when_force_approaches_it() -> None:
     def labels(force: float) -> str:
         pressed = [structs.replace(CYCLE, force=force, force_reference=10.0)] * 3
-        made = ViewModel(Scene(10.0, ROBOT, 30.0, limits=Limits(force_limit_n=50.0)))
+        view = ViewModel(Scene(10.0, ROBOT, 30.0, limits=Limits(force_limit_n=50.0)))
         for record in pressed:
-            made.update(record)
-        return "\n".join(line.plain for line in chart(made.snapshot(110.0, Health()), 60 + SCALE_WIDTH, 12))
+            view.update(record)
+        return "\n".join(line.plain for line in chart(view.snapshot(110.0, Health()), 60 + SCALE_WIDTH, 12))
 
     assert "┈" not in labels(20.0)
     assert "limit │┈" in labels(30.0)
 
 
-def test_a_wide_view_leaves_no_column_empty_and_a_stop_leaves_no_green_word() -> None:
-    made = model(*[CYCLE] * 60)
+def test_wide_view_fills_columns_and_stop_shows_no_green() -> None:
+    view = model(*[CYCLE] * 60)
     right = [
         line[line.index(" │ ", 60) :]
-        for line in text_of(made.snapshot(110.2, Health()), 200, 50).splitlines()[1:-4]
+        for line in text_of(view.snapshot(110.2, Health()), 200, 50).splitlines()[1:-4]
     ]
     assert sum("█" in line for line in right) > 10
     assert any("Depth along the approach" in line for line in right)
     assert any("Times of the cycle" in line for line in right)
-    made.event(EventRecord(111.0, EventKind.STOP, "robot on serial:///dev/ttyS0 refused"))
-    stopped = text_of(made.snapshot(111.0, Health()), 200, 50)
+    view.event(EventRecord(111.0, EventKind.STOP, "robot on serial:///dev/ttyS0 refused"))
+    stopped = text_of(view.snapshot(111.0, Health()), 200, 50)
     assert "robot on serial:///dev/ttyS0 refused" in stopped
     assert "the run is stopped" in stopped
     assert "allow" not in stopped
 
 
-def test_texts_of_a_device_do_nothing_to_the_terminal() -> None:
+def test_device_texts_are_escaped_for_the_terminal() -> None:
     evil = "\x1b[2J\x1b]0;evil\x07[bold]µ"
-    made = model(structs.replace(CYCLE, verdict="stop", reasons=(evil,)))
-    made.warn(evil)
-    made.event(EventRecord(110.0, EventKind.FAULT, f"told {evil}"))
-    made.event(EventRecord(110.1, EventKind.STOP, evil))
-    snapshot = made.snapshot(110.2, Health())
+    view = model(structs.replace(CYCLE, verdict="stop", reasons=(evil,)))
+    view.warn(evil)
+    view.event(EventRecord(110.0, EventKind.FAULT, f"told {evil}"))
+    view.event(EventRecord(110.1, EventKind.STOP, evil))
+    snapshot = view.snapshot(110.2, Health())
     assert line(snapshot).isascii()
     assert line(snapshot).isprintable()
-    drawn = io.StringIO()
-    Console(width=180, height=32, file=drawn).print(panel(snapshot, 180, 32))
-    assert not {"\x1b", "\x07"} & set(drawn.getvalue())
-    assert "told \\x1b[2J\\x1b]0;evil\\x07[bold]µ" in drawn.getvalue()
+    terminal = io.StringIO()
+    Console(width=180, height=32, file=terminal).print(panel(snapshot, 180, 32))
+    assert not {"\x1b", "\x07"} & set(terminal.getvalue())
+    assert "told \\x1b[2J\\x1b]0;evil\\x07[bold]µ" in terminal.getvalue()
 
 
-def test_what_is_said_at_the_end_does_nothing_to_the_terminal() -> None:
+def test_end_texts_are_escaped_for_the_terminal() -> None:
     stream = io.StringIO()
-    with screen.Screen(stream) as said:
-        said.say("stopped: \x1b[2J\n\tby\rit µ")
+    with screen.Screen(stream) as lines:
+        lines.say("stopped: \x1b[2J\n\tby\rit µ")
     assert stream.getvalue() == "stopped: \\x1b[2J\n\tby\\rit µ\n"
 
 
-def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
+def test_plain_lines_each_second_and_on_phase_change() -> None:
     stream = io.StringIO()
     with LiveView(Scene(50.0, ROBOT, 30.0), stream) as view:
         for tick in range(40):
@@ -367,7 +367,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
     assert stream.getvalue().isascii()
 
 
-def test_a_terminal_is_redrawn_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_terminal_is_redrawn_and_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = Terminal()
     with LiveView(Scene(50.0, RobotFacts(), 30.0), stream) as view:
@@ -377,13 +377,13 @@ def test_a_terminal_is_redrawn_and_given_back(monkeypatch: pytest.MonkeyPatch) -
     view.close()
     assert stream.getvalue().count("48.73 N") == 3  # two refreshes and the last picture, which stays
     assert "\x1b[?25l" in stream.getvalue()
-    assert stream.getvalue().rindex("\x1b[?25h") > stream.getvalue().rindex("48.73 N")  # the cursor is back
+    assert stream.getvalue().rindex("\x1b[?25h") > stream.getvalue().rindex(
+        "48.73 N"
+    )  # the cursor is restored
 
 
 @pytest.mark.parametrize("kind", [io.StringIO, Terminal])
-def test_a_terminal_that_goes_away_does_not_end_the_run(
-    kind: type[io.StringIO], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_terminal_does_not_end_the_run(kind: type[io.StringIO], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = kind()
     view = LiveView(Scene(50.0, RobotFacts(), 30.0), stream)
@@ -396,7 +396,7 @@ def test_a_terminal_that_goes_away_does_not_end_the_run(
 
 
 class Pauses(asyncio.Event):
-    """Tells when a task waits for one."""
+    """Reports when a task waits for it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -407,15 +407,15 @@ class Pauses(asyncio.Event):
         return await super().wait()
 
 
-async def test_a_pause_that_comes_as_the_run_ends_does_not_keep_the_view(
+async def test_terminal_pause_at_end_does_not_block_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown = TerminalView(screen.Terminal(), wanted=True, virtual=False)
+    output = TerminalView(screen.Terminal(), is_enabled=True, virtual=False)
     monkeypatch.setattr("hil_bridge.runs.terminal_view.health_of", lambda run: None)
     run: Any = SimpleNamespace(clock=Clock.running())
     view: Any = SimpleNamespace(refresh=lambda now, health: None)
-    shown._may_draw = pauses = Pauses()
-    drawing = asyncio.create_task(shown._refresh(view, run))
+    output._may_draw = pauses = Pauses()
+    drawing = asyncio.create_task(output._refresh(view, run))
     await pauses.waited.wait()
     pauses.set()
     await asyncio.sleep(0)

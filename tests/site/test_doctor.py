@@ -1,4 +1,4 @@
-"""The doctor on computers laid out in a folder: what it says of them, and what to do."""
+"""Doctor on computers emulated in a folder: its findings and remedies."""
 
 import json
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ def put(root: Path, files: dict[str, str]) -> Path:
 
 
 def usb_port(root: Path, latency_ms: int | None = 16) -> Path:
-    """An FTDI adapter as ttyUSB0."""
+    """Create an FTDI adapter as ttyUSB0."""
     device = root / "sys/devices/usb1/1-2"
     port = device / "1-2:1.0/ttyUSB0"
     put(
@@ -56,11 +56,11 @@ CAN0 = {"sys/class/net/can0/type": "280\n", "sys/class/net/can0/flags": "0x40081
 DETAILS = {"kind": "can", "bitrate": 1_000_000, "state": "ERROR-ACTIVE", "restart_ms": 100, "errors": (0, 0)}
 
 
-def one(found: Fact) -> tuple[Level, str]:
-    return found.level, str(found)
+def one(fact: Fact) -> tuple[Level, str]:
+    return fact.level, str(fact)
 
 
-def test_a_usb_adapter_is_named_and_its_latency_is_warned_of(tmp_path: Path) -> None:
+def test_doctor_names_usb_adapter_and_warns_of_latency(tmp_path: Path) -> None:
     port, timer = facts.serial_ports(usb_port(tmp_path))
     assert port == facts.ok("serial port /dev/ttyUSB0", "FT232R USB UART (0403:6001, ftdi_sio)")
     assert timer.level is Level.WARN
@@ -68,12 +68,15 @@ def test_a_usb_adapter_is_named_and_its_latency_is_warned_of(tmp_path: Path) -> 
     assert "setserial /dev/ttyUSB0 low_latency" in timer.remedy
 
 
-def test_a_low_latency_timer_is_good_and_none_says_nothing(tmp_path: Path) -> None:
-    assert [found.level for found in facts.serial_ports(usb_port(tmp_path / "a", 1))] == [Level.OK, Level.OK]
+def test_doctor_accepts_low_or_missing_latency_timer(tmp_path: Path) -> None:
+    assert [result.level for result in facts.serial_ports(usb_port(tmp_path / "a", 1))] == [
+        Level.OK,
+        Level.OK,
+    ]
     assert len(list(facts.serial_ports(usb_port(tmp_path / "b", None)))) == 1
 
 
-def test_a_port_without_permission_names_the_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_port_without_permission_names_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = usb_port(tmp_path)
     monkeypatch.setattr("os.access", lambda path, mode: False)
     level, text = one(facts.serial_port(root, "ttyUSB0"))
@@ -81,7 +84,7 @@ def test_a_port_without_permission_names_the_group(tmp_path: Path, monkeypatch: 
     assert "no permission; `sudo usermod -aG " in text
 
 
-def test_a_port_that_another_program_holds_names_it(tmp_path: Path) -> None:
+def test_doctor_port_in_use_names_the_program(tmp_path: Path) -> None:
     root = put(usb_port(tmp_path), {"proc/77/comm": "minicom\n", "proc/77/fd/0": ""})
     (root / "proc/77/fd/3").symlink_to("/dev/ttyUSB0")
     (root / "proc/77/fd/0").unlink()
@@ -90,7 +93,7 @@ def test_a_port_that_another_program_holds_names_it(tmp_path: Path) -> None:
     assert "in use by minicom (77)" in text
 
 
-def test_ports_without_hardware_are_left_out(tmp_path: Path) -> None:
+def test_doctor_omits_ports_without_hardware(tmp_path: Path) -> None:
     root = put(
         tmp_path,
         {
@@ -99,13 +102,13 @@ def test_ports_without_hardware_are_left_out(tmp_path: Path) -> None:
             "sys/class/tty/tty0/x": "",
         },
     )
-    (found,) = facts.serial_ports(root)
-    assert found.level is Level.WARN
-    assert "none found" in found.text
+    (result,) = facts.serial_ports(root)
+    assert result.level is Level.WARN
+    assert "none found" in result.text
 
 
 @pytest.mark.parametrize(
-    ("files", "details", "level", "words"),
+    ("files", "details", "level", "message"),
     [
         (CAN0, DETAILS, Level.OK, "is up, 1000000 bit/s, error-active"),
         (
@@ -122,30 +125,30 @@ def test_ports_without_hardware_are_left_out(tmp_path: Path) -> None:
         ({"sys/class/net/can0/type": "1\n"}, DETAILS, Level.FAIL, "no such CAN interface"),
     ],
 )
-def test_can_interfaces(tmp_path: Path, files, details, level, words) -> None:
-    found = facts.can_interface(put(tmp_path, files), "can0", {"can0": details})
-    assert found.level is level
-    assert words in str(found)
+def test_doctor_checks_can_interfaces(tmp_path: Path, files, details, level, message) -> None:
+    result = facts.can_interface(put(tmp_path, files), "can0", {"can0": details})
+    assert result.level is level
+    assert message in str(result)
 
 
-def test_can_interface_at_another_rate_than_its_device_fails(tmp_path: Path) -> None:
+def test_doctor_fails_on_wrong_can_bit_rate(tmp_path: Path) -> None:
     details = {"can0": {**DETAILS, "bitrate": 500_000}}
     bus = CanBus("a JR3 gateway", 1_000_000)
-    found = facts.can_interface(put(tmp_path, CAN0), "can0", details, bus)
-    assert found.level is Level.FAIL
-    assert "a JR3 gateway speaks 1000000; `sudo ip link set can0 down`" in str(found)
+    result = facts.can_interface(put(tmp_path, CAN0), "can0", details, bus)
+    assert result.level is Level.FAIL
+    assert "a JR3 gateway uses 1000000; `sudo ip link set can0 down`" in str(result)
     assert facts.can_interface(put(tmp_path, CAN0), "can0", details).level is Level.OK
 
 
-def test_without_iproute2_the_bit_rate_is_not_told(tmp_path: Path) -> None:
+def test_doctor_without_iproute2_has_no_bit_rate(tmp_path: Path) -> None:
     can0, iproute2 = facts.can_interfaces(put(tmp_path, CAN0), None)
     assert one(can0) == (Level.OK, "ok    CAN interface can0: is up")
     assert iproute2.level is Level.WARN
     assert [f.text for f in facts.can_interfaces(tmp_path / "none", None)] == ["none"]
 
 
-def test_details_come_from_iproute2s_json() -> None:
-    """As iproute2 6.1 prints it, shortened to what is read."""
+def test_link_details_are_read_from_iproute2_json() -> None:
+    """Output of iproute2 6.1, shortened to the parts that are read."""
     text = json.dumps(
         [
             {"ifname": "lo"},
@@ -169,11 +172,11 @@ def test_details_come_from_iproute2s_json() -> None:
 @pytest.mark.parametrize(
     "text", ["", "{", "{}", "[1]", '[{"linkinfo": 1}]', '[{"linkinfo": {"info_data": 3}}]']
 )
-def test_details_of_anything_else_are_taken_with_care(text: str) -> None:
-    assert all(not told["bitrate"] for told in facts.link_details(text).values())
+def test_link_details_tolerate_unexpected_json(text: str) -> None:
+    assert all(not reported["bitrate"] for reported in facts.link_details(text).values())
 
 
-def test_clock_scheduler_and_processors(tmp_path: Path) -> None:
+def test_doctor_checks_clock_scheduler_and_processors(tmp_path: Path) -> None:
     source = "sys/devices/system/clocksource/clocksource0/current_clocksource"
     assert facts.clock_source(put(tmp_path, {source: "tsc\n"})).level is Level.OK
     assert facts.clock_source(put(tmp_path, {source: "hpet\n"})).level is Level.WARN
@@ -204,11 +207,11 @@ def test_clock_scheduler_and_processors(tmp_path: Path) -> None:
         ("Name:\tpython\n", False),
     ],
 )
-def test_who_may_lock_memory_whatever_the_limit(tmp_path: Path, status: str, may: bool) -> None:
+def test_privileged_process_may_lock_memory(tmp_path: Path, status: str, may: bool) -> None:
     assert facts.may_lock_memory(put(tmp_path, {"proc/self/status": status})) is may
 
 
-def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
+def test_doctor_judges_wake_ups_by_99th_percentile() -> None:
     assert doctor.judge_lateness([1e-4] * 995 + [5e-3] * 5, RealTime()).level is Level.OK
     late = [1e-4] * 980 + [5e-3] * 20
     asleep = doctor.judge_lateness(late, RealTime())
@@ -226,12 +229,12 @@ def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
         assert "keep_awake" not in awake.remedy
 
 
-def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = []
+def test_doctor_measures_wake_ups_with_thread_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = []
 
     @contextmanager
     def real_time_thread(realtime: RealTime) -> Iterator[None]:
-        wanted.append(realtime)
+        expected.append(realtime)
         if realtime.cpus:
             raise ConfigError("refused")
         yield
@@ -240,22 +243,20 @@ def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.Mo
     monkeypatch.setattr(doctor, "CYCLES", 5)
     assert "kept awake, busy polling" in doctor.wake_ups(RealTime(keep_awake=True, busy_poll_ms=1.0)).text
     assert "kept awake" not in doctor.wake_ups(RealTime(keep_awake=True, cpus=(4096,))).text
-    assert [realtime.keep_awake for realtime in wanted] == [True, True]
+    assert [realtime.keep_awake for realtime in expected] == [True, True]
 
 
-def test_whether_processors_may_be_kept_awake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_doctor_checks_keeping_processors_awake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(realtime_module, "LATENCY_FILE", str(tmp_path / "latency"))
-    refused = doctor.keeping_awake(wanted=False)
+    refused = doctor.keeping_awake(is_configured=False)
     assert refused.level is Level.WARN
     assert str(tmp_path / "latency") in refused.remedy
     (tmp_path / "latency").touch()
-    assert "would ask" in doctor.keeping_awake(wanted=False).text
-    assert "` asks" in doctor.keeping_awake(wanted=True).text
+    assert "would ask" in doctor.keeping_awake(is_configured=False).text
+    assert "` asks" in doctor.keeping_awake(is_configured=True).text
 
 
-def test_a_forbidden_port_without_a_setting_is_a_warning(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_doctor_unused_forbidden_port_is_a_warning(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(
         facts, "serial_ports", lambda root: iter([facts.fail("serial port", "no permission", "ask")])
     )
@@ -264,21 +265,24 @@ def test_a_forbidden_port_without_a_setting_is_a_warning(
 
 
 def findings(config: Config, root: Path, details=None) -> dict[str, Fact]:
-    return {found.subject: found for found in doctor.wires(config, root, details)}
+    return {result.subject: result for result in doctor.wires(config, root, details)}
 
 
-def test_the_wires_of_a_configuration_are_checked(tmp_path: Path) -> None:
+def test_doctor_checks_configured_wires(tmp_path: Path) -> None:
     root = put(usb_port(tmp_path), CAN0)
     config = Config(
         robot=RobotConfig(url="s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E"),
         sensor=SensorConfig(url="jr3+can+socketcan://can0"),
         tool=ToolConfig(mass_kg=0.5),
     )
-    found = findings(config, root, {"can0": DETAILS})
-    assert {key: fact.level for key, fact in found.items()} == {"robot.url": Level.OK, "sensor.url": Level.OK}
+    result = findings(config, root, {"can0": DETAILS})
+    assert {key: fact.level for key, fact in result.items()} == {
+        "robot.url": Level.OK,
+        "sensor.url": Level.OK,
+    }
 
 
-def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
+def test_doctor_follows_symbolic_link_to_port(tmp_path: Path) -> None:
     root = usb_port(tmp_path)
     (root / "dev/serial/by-id").mkdir(parents=True)
     (root / "dev/serial/by-id/robot").symlink_to("../../ttyUSB0")
@@ -287,7 +291,7 @@ def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "sensor", "key", "words"),
+    ("robot", "sensor", "key", "message"),
     [
         ("s3+serial:///dev/ttyUSB9", "", "robot.url", "no such port"),
         ("s3+serial:///etc/nothing", "", "robot.url", "no such port"),
@@ -301,16 +305,16 @@ def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
         ("", "jr3+can+slcan+tcp://127.0.0.1:1", "sensor.url", "127.0.0.1 port 1: "),
     ],
 )
-def test_wires_that_cannot_work_are_named(tmp_path: Path, robot, sensor, key, words) -> None:
+def test_doctor_names_wires_that_cannot_work(tmp_path: Path, robot, sensor, key, message) -> None:
     config = Config(robot=RobotConfig(url=robot), sensor=SensorConfig(url=sensor))
-    found = findings(config, usb_port(tmp_path))[key]
-    assert found.level is Level.FAIL
-    assert words in str(found)
+    result = findings(config, usb_port(tmp_path))[key]
+    assert result.level is Level.FAIL
+    assert message in str(result)
 
 
-def test_a_thread_that_the_machine_refuses_is_told(tmp_path: Path) -> None:
-    found = findings(Config(realtime=RealTime(cpus=(4096,))), tmp_path)
-    assert found["realtime"].level is Level.FAIL
+def test_doctor_reports_refused_thread_settings(tmp_path: Path) -> None:
+    result = findings(Config(realtime=RealTime(cpus=(4096,))), tmp_path)
+    assert result["realtime"].level is Level.FAIL
 
 
 REFUSED = {
@@ -326,19 +330,17 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_run_refuses_the_doctor_does_not_pass(tmp_path: Path, case: str) -> None:
+def test_doctor_fails_whatever_run_refuses(tmp_path: Path, case: str) -> None:
     file = tmp_path / "site.toml"
     file.write_text(REFUSED[case])
     config = load_config(file, {})
     with pytest.raises(ConfigError) as refused:
         execute(config, False, Outputs(), False)
-    found = findings(config, tmp_path)[case.partition(":")[0]]
-    assert (found.level, found.text) == (Level.FAIL, str(refused.value))
+    result = findings(config, tmp_path)[case.partition(":")[0]]
+    assert (result.level, result.text) == (Level.FAIL, str(refused.value))
 
 
-def test_a_controller_that_cannot_be_made_is_refused_alike(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_and_run_refuse_same_controllers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def unfit(*_: object) -> None:
         raise ConfigError("predictive: window does not fit")
 
@@ -348,7 +350,7 @@ def test_a_controller_that_cannot_be_made_is_refused_alike(
     assert findings(Config(), tmp_path)["controller"].level is Level.FAIL
 
 
-def test_the_command_ends_with_3_only_for_what_a_configuration_names(
+def test_doctor_exits_with_3_for_configured_items_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, "wake_ups", lambda realtime: facts.ok("wake-ups", "on time"))

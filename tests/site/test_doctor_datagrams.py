@@ -1,4 +1,4 @@
-"""The doctor on wires of datagrams: the port, the kernel's room, firewalls laid out as texts."""
+"""Doctor on UDP wires: port, kernel buffer, and firewall rules given as texts."""
 
 import socket
 import subprocess
@@ -32,10 +32,10 @@ COMMIT
 """
 
 
-def test_a_port_that_another_program_has_is_told() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
+def test_doctor_reports_udp_port_in_use() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as accepted:
+        accepted.bind(("127.0.0.1", 0))
+        port = accepted.getsockname()[1]
         url = parse_url(f"udp-bind://127.0.0.1:{port}", LISTEN_DATAGRAMS)
         fact = reachable(url)
         assert fact.level is Level.FAIL
@@ -43,34 +43,34 @@ def test_a_port_that_another_program_has_is_told() -> None:
     assert reachable(url).level is Level.OK
 
 
-def test_an_address_of_another_computer_cannot_be_listened_at() -> None:
+def test_doctor_refuses_listening_on_nonlocal_address() -> None:
     fact = reachable(parse_url("udp-bind://192.0.2.1:6510", LISTEN_DATAGRAMS))
     assert fact.level is Level.FAIL
     assert "`ip address`" in fact.remedy
 
 
-def test_the_way_to_a_host_is_told() -> None:
+def test_doctor_reports_route_to_host() -> None:
     fact = reachable(parse_url("udp://127.0.0.1:49152", CONNECT_DATAGRAMS))
     assert (fact.level, "is routed from 127.0.0.1" in fact.text) == (Level.OK, True)
 
 
 @pytest.mark.parametrize(
-    ("limit", "level", "words"),
+    ("limit", "level", "message"),
     [
         ("212992\n", Level.WARN, "room for 554 small"),
         ("1048576", Level.OK, "room for 2730 small"),
         ("x", Level.WARN, "cannot"),
     ],
 )
-def test_the_room_of_the_kernel_is_compared_with_what_is_asked(
-    tmp_path: Path, limit: str, level: Level, words: str
+def test_doctor_compares_receive_buffer_with_request(
+    tmp_path: Path, limit: str, level: Level, message: str
 ) -> None:
     folder = tmp_path / "proc/sys/net/core"
     folder.mkdir(parents=True)
     (folder / "rmem_max").write_text(limit)
     fact = room(tmp_path)
     assert fact.level is level
-    assert words in fact.text
+    assert message in fact.text
     (folder / "rmem_default").write_text("212992\n")
     assert level is not Level.OK or "rmem_default 212992" in room(tmp_path).text
 
@@ -93,12 +93,12 @@ def test_the_room_of_the_kernel_is_compared_with_what_is_asked(
         (IPTABLES.format(policy="ACCEPT", rule="-A INPUT -j REJECT --reject-with icmp"), Level.WARN),
     ],
 )
-def test_a_firewall_that_may_drop_what_comes_is_told(text: str, level: Level) -> None:
+def test_doctor_warns_of_dropping_firewall(text: str, level: Level) -> None:
     assert firewall("0.0.0.0", 6510, Rules(text)).level is level
     assert firewall("127.0.0.1", 6510, Rules(text)).level is Level.OK
 
 
-def test_rules_that_cannot_be_seen_are_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_reports_unreadable_firewall_rules(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(command: Sequence[str], **options: object) -> "subprocess.CompletedProcess[str]":
         if command[0] == "nft":
             return subprocess.CompletedProcess(command, 1, "", "Operation not permitted (you must be root)\n")
@@ -113,13 +113,13 @@ def test_rules_that_cannot_be_seen_are_told_as_such(monkeypatch: pytest.MonkeyPa
     )
 
 
-def test_what_real_time_asks_for_is_said_of_datagrams() -> None:
+def test_doctor_reports_real_time_settings_for_datagrams() -> None:
     assert "busy polling of 100 ms" in in_real_time(RealTime(busy_poll_ms=100.0)).text
     assert "SCHED_FIFO 50" in in_real_time(RealTime(fifo_priority=50)).text
     assert "is at its defaults" in in_real_time(RealTime()).text
 
 
-def test_a_configuration_with_datagrams_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_checks_configuration_with_datagrams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(datagrams, "firewall_rules", lambda: Rules(NFT.format(policy="drop", rule="")))
     config = load_config(
         None,
@@ -130,13 +130,13 @@ def test_a_configuration_with_datagrams_is_looked_at(tmp_path: Path, monkeypatch
             "controller.sample_ms": 20.0,
         },
     )
-    found = [str(fact) for fact in doctor.wires(config, tmp_path, None)]
-    robot = [line for line in found if " robot.url: " in line]
-    sensor = [line for line in found if " sensor.url: " in line]
+    result = [str(fact) for fact in doctor.wires(config, tmp_path, None)]
+    robot = [line for line in result if " robot.url: " in line]
+    sensor = [line for line in result if " sensor.url: " in line]
     assert [line.split(": ")[1].split(",")[0] for line in robot] == [
         "UDP 127.0.0.1 port 0",
         "receive buffer",
         "firewall",
         "datagrams in real time",
     ]
-    assert len(sensor) == 3, "what is asked for comes back through a firewall"
+    assert len(sensor) == 3, "replies to requests pass a firewall"

@@ -1,4 +1,4 @@
-"""`identify tool`: the robot turns the tool of the emulated cell, and what hung below the sensor comes out."""
+"""`identify tool`: the robot turns the tool of the emulated cell, and the load below the sensor is identified."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.sweep
 
 MASS_TOLERANCE_KG = 0.002
 CENTRE_TOLERANCE_MM = 0.3
-"""Both well above what half a count means for the default sensor: 0.7 g and 0.1 mm."""
+"""Far above the effect of half a count of the default sensor: 0.7 g and 0.1 mm."""
 START = (0.9, -0.1, 0.6)
 
 Command = Callable[..., tuple[int, str, str]]
@@ -47,32 +47,32 @@ def identify(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
 
 
 def refusal(result: tuple[int, str, str], code: int = 2) -> str:
-    """The last line of what went wrong; before it there may be progress."""
+    """Return the last line of the error output; progress may precede it."""
     assert result[0] == code, result
     line = result[2].splitlines()[-1]
     assert line.startswith("hil-bridge: ")
     return line
 
 
-def test_the_default_tool_of_the_cell_comes_out(identify: Command) -> None:
+def test_identify_tool_finds_default_tool(identify: Command) -> None:
     code, output, _ = identify("--virtual", "-o", "tool.toml")
     assert code == 0
     assert "6 poses, up to 60° apart" in output
-    found = load_config(Path("tool.toml"), {})
-    assert found.tool.mass_kg == pytest.approx(0.5, abs=MASS_TOLERANCE_KG)
-    assert found.tool.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=CENTRE_TOLERANCE_MM)
-    # A zero taken on the way would be here, as the weight of the tool.
-    assert found.sensor.bias_n == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
-    assert found.sensor.bias_nm == pytest.approx((0.0, 0.0, 0.0), abs=0.001)
+    result = load_config(Path("tool.toml"), {})
+    assert result.tool.mass_kg == pytest.approx(0.5, abs=MASS_TOLERANCE_KG)
+    assert result.tool.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=CENTRE_TOLERANCE_MM)
+    # A zero during the motion would appear here as tool weight.
+    assert result.sensor.bias_n == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+    assert result.sensor.bias_nm == pytest.approx((0.0, 0.0, 0.0), abs=0.001)
 
 
-def test_another_tool_comes_out_of_its_table_as_well(identify: Command) -> None:
+def test_identify_tool_from_table_finds_other_tool(identify: Command) -> None:
     cell = "[cell.tool]\nmass_kg = 1.2\ncentre_of_gravity_mm = [15.0, -10.0, 60.0]\n"
     code, measured, _ = identify("--virtual", "--save", "poses.csv", "-o", "tool.toml", config=cell)
     assert code == 0
-    found = load_config(Path("tool.toml"), {}).tool
-    assert found.mass_kg == pytest.approx(1.2, abs=MASS_TOLERANCE_KG)
-    assert found.centre_of_gravity_mm == pytest.approx((15.0, -10.0, 60.0), abs=CENTRE_TOLERANCE_MM)
+    result = load_config(Path("tool.toml"), {}).tool
+    assert result.mass_kg == pytest.approx(1.2, abs=MASS_TOLERANCE_KG)
+    assert result.centre_of_gravity_mm == pytest.approx((15.0, -10.0, 60.0), abs=CENTRE_TOLERANCE_MM)
 
     code, computed, errors = identify("--from", "poses.csv", "-o", "again.toml")
     assert (code, errors) == (0, "")
@@ -84,7 +84,7 @@ def test_another_tool_comes_out_of_its_table_as_well(identify: Command) -> None:
     assert errors.startswith("the residuals are large")
 
 
-def test_the_tool_turns_in_small_steps_and_comes_back(
+def test_identify_tool_turns_in_small_steps_and_returns(
     identify: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ordered: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
@@ -114,7 +114,7 @@ def test_the_tool_turns_in_small_steps_and_comes_back(
             assert after[2] == pytest.approx(START[2] + 0.030)
 
 
-def test_limits_hold_while_the_tool_is_turned(identify: Command) -> None:
+def test_identify_tool_enforces_limits(identify: Command) -> None:
     stopped = refusal(identify("--virtual", config="[limits]\nresultant_limit_n = 1.0"), 3)
     assert "stopped: resultant force 1." in stopped
     assert "beyond 1 N; free the tool" in stopped
@@ -122,22 +122,24 @@ def test_limits_hold_while_the_tool_is_turned(identify: Command) -> None:
     assert "the tool cannot be lifted by 50 mm (--lift-mm): 0.900 -0.100 0.650 m is outside the box" in low
 
 
-def test_an_arm_that_cannot_turn_so_far_is_not_moved(identify: Command) -> None:
+def test_identify_tool_unreachable_angle_is_refused(identify: Command) -> None:
     text = refusal(identify("--virtual", "--angle-deg", "90"))
-    assert "the tool cannot be turned by 90° (--angle-deg): the emulated arm does not reach so far" in text
+    assert "the tool cannot be turned by 90° (--angle-deg): the emulated arm cannot reach that far" in text
     text = refusal(identify("--virtual", "--robot", "rsi", "--angle-deg", "25"))
     assert "the robot's client turns it by less than 20°; raise that limit of [robot.rsi]" in text
     text = refusal(identify("--virtual", "--robot", "rsi", config="[robot.rsi]\nlimit_deg = 10.0"))
     assert "the tool cannot be turned by 15° (--angle-deg)" in text
 
 
-def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
-    """A real arm is not known beforehand."""
-    told: list[str] = []
+def test_identify_tool_ends_when_robot_refuses() -> None:
+    """The reach of a real arm is not known in advance."""
+    reported: list[str] = []
     with pytest.raises(BridgeError) as refused:
-        measure(load_config(None, {}), True, Sweep(90.0), told.append)
+        measure(load_config(None, {}), True, Sweep(90.0), reported.append)
     assert "outside" in str(refused.value) or "area" in str(refused.value)
-    assert told[-1].startswith("left: where it stopped, up to 50 mm above its start and turned by up to 90°")
+    assert reported[-1].startswith(
+        "left: where it stopped, up to 50 mm above its start and turned by up to 90°"
+    )
 
 
 @pytest.mark.full
@@ -145,10 +147,10 @@ def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
     ("robot", "sensor", "turned"),
     [("rtde", "jr3-board", 30), ("rsi", "jr3", 38), ("s3", "netft", 60)],
 )
-def test_each_robot_turns_its_tool_as_far_as_it_can(
+def test_identify_tool_uses_largest_reachable_angle(
     identify: Command, robot: str, sensor: str, turned: int
 ) -> None:
-    """A stream brings many packets between two frames of a slow sensor, and tells its place with noise."""
+    """A stream brings many packets between two frames of a slow sensor, and reports its position with noise."""
     code, output, errors = identify(
         *("--virtual", "--robot", robot, "--sensor", sensor, "-o", "tool.toml"),
         *("--settle-s", "0.3", "--average-s", "0.3"),
@@ -156,19 +158,21 @@ def test_each_robot_turns_its_tool_as_far_as_it_can(
     assert code == 0, errors
     assert f"6 poses, up to {turned}° apart" in output
     assert ("as far as the robot can" in errors) == (turned < 60)
-    found = load_config(Path("tool.toml"), {}).tool
-    assert found.mass_kg == pytest.approx(0.5, abs=0.01), "0.1 N, of which 0.07 N are the vibration of an arm"
-    assert found.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=1.0)
+    result = load_config(Path("tool.toml"), {}).tool
+    assert result.mass_kg == pytest.approx(0.5, abs=0.01), (
+        "0.1 N, of which 0.07 N are the vibration of an arm"
+    )
+    assert result.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=1.0)
 
 
-def test_a_stop_names_the_remedy_of_its_own_cause(identify: Command) -> None:
-    """A force that is too old is no tool to be freed."""
+def test_identify_tool_stop_names_remedy_of_its_cause(identify: Command) -> None:
+    """After a stop for an outdated force, the remedy is not to free the tool."""
     text = refusal(identify("--virtual", config="[limits]\nstale_after_ms = 0.5"), 3)
     assert "stopped: the newest force is " in text
     assert "free the tool" not in text
 
 
-def test_too_little_turning_is_refused_before_the_robot_moves(identify: Command) -> None:
+def test_identify_tool_too_small_angle_is_refused(identify: Command) -> None:
     assert "14.9 is not in the range 15.0<=x<=90.0" in refusal(identify("--virtual", "--angle-deg", "14.9"))
     assert identify("--virtual", "--angle-deg", "15")[0] == 0
 
@@ -180,15 +184,15 @@ HEAD = "qw,qx,qy,qz,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm"
     ("table", "message"),
     [
         (None, "cannot read poses.csv: No such file"),
-        ("a,b\n1,2\n", "poses.csv: there is no column qw; the first line names the columns"),
+        ("a,b\n1,2\n", "poses.csv: missing column qw; the first line must name the columns"),
         (f"{HEAD}\n0,1,0,0,1,2,x,4,5,6\n", "poses.csv, line 2: fz_n must be a number, got 'x'"),
         (f"{HEAD}\n0,1,0,0,1,2\n", "line 2: fz_n must be a number, got None"),
         (f"{HEAD}\n0,1,0,0,1,2,nan,4,5,6\n", "line 2: fz_n must be finite"),
-        (f"{HEAD}\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw, qx, qy, qz are no rotation"),
-        (f"{HEAD}\n0,1,0,0,1,2,3,4,5,6\n", "too few poses to tell the tool: 1 of at least 3"),
+        (f"{HEAD}\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw, qx, qy, qz are not a rotation"),
+        (f"{HEAD}\n0,1,0,0,1,2,3,4,5,6\n", "too few poses to identify the tool: 1 of at least 3"),
     ],
 )
-def test_a_wrong_table_is_named_with_its_line(identify: Command, table: str | None, message: str) -> None:
+def test_identify_tool_invalid_table_names_line(identify: Command, table: str | None, message: str) -> None:
     if table is not None:
         Path("poses.csv").write_text(table)
     assert message in refusal(identify("--from", "poses.csv"))
@@ -203,7 +207,7 @@ url = "netft+udp://192.0.2.2"
 
 
 @pytest.mark.full
-def test_a_file_of_a_real_cell_is_rehearsed_with_the_kinds_of_its_devices(identify: Command) -> None:
+def test_identify_tool_rehearsal_uses_configured_kinds(identify: Command) -> None:
     code, _, errors = identify("--virtual", config=SITE)
     assert code == 2
     assert "rehearse with --robot rtde --sensor netft" in errors
@@ -213,7 +217,7 @@ def test_a_file_of_a_real_cell_is_rehearsed_with_the_kinds_of_its_devices(identi
     assert "6 poses" in output
 
 
-def test_files_that_are_read_are_not_written_over(identify: Command) -> None:
+def test_identify_tool_does_not_overwrite_its_input(identify: Command) -> None:
     assert "would overwrite the configuration" in refusal(identify("--virtual", "-o", "c.toml"))
     Path("poses.csv").touch()
     text = refusal(identify("--from", "poses.csv", "--save", "./poses.csv"))
@@ -221,7 +225,7 @@ def test_files_that_are_read_are_not_written_over(identify: Command) -> None:
     assert "no such folder" in refusal(identify("--virtual", "-o", "none/tool.toml"))
 
 
-def test_with_bias_and_tool_known_a_run_needs_no_zero(bench: Callable[..., Any]) -> None:
+def test_run_with_known_bias_and_tool_needs_no_zero(bench: Callable[..., Any]) -> None:
     tool = {"mass_kg": 3.0, "centre_of_gravity_mm": (0.0, 0.0, 80.0)}
     run = bench(sensor={"tare": False}, tool=tool, cell={"tool": tool})
     free = [record for record in run.cycles if record.phase == "approach" and record.depth < 0.009]

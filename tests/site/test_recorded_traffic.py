@@ -1,4 +1,4 @@
-"""The monitor of recordings: the traffic of any devices in words, bytes without words as they are."""
+"""Monitor of recordings: decoded traffic of any device, and undecodable bytes unchanged."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +12,14 @@ from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import LinkLog, LinkRecord
-from hil_bridge.site.traffic import Piece, in_words, item_text, pieces
+from hil_bridge.site.traffic import Piece, describe_traffic, item_text, pieces
 from protocol.can.text import parse_frame
 from protocol.devices.ft300.messages import HEADER, crc16
 from tests.near_surface import STREAMED, merged
 from tests.recordings import Recordings
 
 FAULTS = {"rtde": "emergency-stop", "egm": "motors-off"}
-"""They end a run early."""
+"""Faults that end a run early."""
 
 
 def recorded(recordings: Recordings, robot: str, sensor: str) -> Path:
@@ -28,14 +28,14 @@ def recorded(recordings: Recordings, robot: str, sensor: str) -> Path:
     return recordings.path(merged(STREAMED, devices), faults=[ended], refused=True)
 
 
-def monitored(*arguments: object) -> Result:
+def monitor_result(*arguments: object) -> Result:
     return CliRunner().invoke(cli, ["monitor", *map(str, arguments)])
 
 
-def test_a_run_with_rtde_and_a_net_ft_is_told_in_words(recordings: Recordings) -> None:
-    """Its data are read by the agreement on their recipe at the begin, its text as text."""
+def test_traffic_of_rtde_and_net_ft_run_is_described(recordings: Recordings) -> None:
+    """Its data are decoded by the recipe negotiated at the start, its text as text."""
     file = recorded(recordings, "rtde", "netft")
-    result = monitored(file)
+    result = monitor_result(file)
     assert result.exit_code == 0
     lines = result.output.splitlines()
     (boots,) = [line for line in lines if " ! " in line]
@@ -49,73 +49,75 @@ def test_a_run_with_rtde_and_a_net_ft_is_told_in_words(recordings: Recordings) -
     )
     assert any("PC→netft" in line and "start: command 2" in line for line in lines)
     assert any("netft→PC" in line and "record: rdt sequence 1," in line for line in lines)
-    sensor = monitored(file, "--device", "sensor", "--raw").output
+    sensor = monitor_result(file, "--device", "sensor", "--raw").output
     assert "rtde" not in sensor
     assert "{12 34 00 02 00 00 00 00}" in sensor
 
 
-def test_frames_and_bytes_without_words_are_shown_too(recordings: Recordings) -> None:
-    lines = monitored(recorded(recordings, "egm", "ati-can")).output.splitlines()
+def test_traffic_shows_undecodable_frames_and_bytes(recordings: Recordings) -> None:
+    lines = monitor_result(recorded(recordings, "egm", "ati-can")).output.splitlines()
     assert any("PC→ati-can" in line and line.endswith("serial") for line in lines)
     assert any("EgmSensor: header.seqno 0" in line for line in lines)
-    rows = list(in_words([Piece(1.0, "rx", b"\x01\xff")], SENSORS.kind("jr3-board"), "sensor"))
+    rows = list(describe_traffic([Piece(1.0, "rx", b"\x01\xff")], SENSORS.kind("jr3-board"), "sensor"))
     assert [(row.direction, row.text, row.trouble) for row in rows] == [("jr3-board→PC", "01 FF", False)]
-    (unknown,) = in_words([Piece(1.0, "tx", b"\x01")], None, "robot")
+    (unknown,) = describe_traffic([Piece(1.0, "tx", b"\x01")], None, "robot")
     assert (unknown.direction, unknown.text) == ("PC→robot", "01")
 
 
-def test_a_device_is_chosen_from_a_recording_alone() -> None:
-    error = monitored("tcp://127.0.0.1:1", "--device", "sensor").exception
+def test_traffic_device_is_read_from_recording() -> None:
+    error = monitor_result("tcp://127.0.0.1:1", "--device", "sensor").exception
     assert isinstance(error, ConfigError)
     assert "--device applies only to a recording" in str(error)
 
 
-def test_a_message_that_comes_in_parts_is_read_as_one() -> None:
+def test_traffic_message_in_parts_is_reassembled() -> None:
     message = HEADER + bytes(12)
-    whole = message + crc16(message).to_bytes(2, "little")
-    traffic = [Piece(1.0, "rx", whole), Piece(2.0, "rx", whole[:5]), Piece(2.1, "rx", whole[5:])]
-    rows = list(in_words(traffic, SENSORS.kind("ft300"), "sensor"))
+    complete = message + crc16(message).to_bytes(2, "little")
+    traffic = [Piece(1.0, "rx", complete), Piece(2.0, "rx", complete[:5]), Piece(2.1, "rx", complete[5:])]
+    rows = list(describe_traffic(traffic, SENSORS.kind("ft300"), "sensor"))
     assert [row.at for row in rows] == [1.0, 2.1]
     assert not any(row.trouble for row in rows)
 
 
-def test_events_datagrams_and_frames_are_told_apart() -> None:
+def test_traffic_distinguishes_events_datagrams_frames() -> None:
     records: list[LinkRecord] = []
     log = LinkLog(lambda at, texts: records.append(LinkRecord(at, texts)))
     log.note(1.0, "connected")
     log.take(1.0, "rx", [b"\x01", b"\x02"])
     log.take(1.5, "tx", [parse_frame("200#01")])
     log.flush()
-    found = list(pieces(records, "r"))
-    assert found == [
+    result = list(pieces(records, "r"))
+    assert result == [
         Piece(1.0, "--", b"", event="connected"),
         Piece(1.0, "rx", b"\x01"),
         Piece(1.0, "rx", b"\x02"),
         Piece(1.5, "tx", b"", frame="200#01"),
     ]
-    assert [row.text for row in in_words(found[:1], None, "robot")] == ["connected"]
-    (error,) = in_words(
+    assert [row.text for row in describe_traffic(result[:1], None, "robot")] == ["connected"]
+    (error,) = describe_traffic(
         [Piece(1.0, "rx", b"", frame="004!0000000000000000")], SENSORS.kind("ati-can"), "sensor"
     )
     assert error.trouble
 
 
 @pytest.mark.parametrize("text", ["nonsense", "0.1 rx zz", "0.1 up 00", "x rx 00"])
-def test_foreign_pieces_are_refused(text: str) -> None:
+def test_traffic_invalid_pieces_are_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="record the run again"):
         list(pieces([LinkRecord(0.0, (text,))], "r"))
 
 
-def test_words_of_any_shape_make_a_line() -> None:
+def test_traffic_item_of_any_shape_is_one_line() -> None:
     assert item_text({}) == "item"
     assert item_text({"kind": "noise", "bytes": "01", "problems": ["a", "b\nc"]}) == "noise: 01; a; b c"
     assert item_text({"op": "go", "fields": [{"name": "x", "value": [1.0, 2]}, 3]}) == "go: x 1 2"
 
 
 @given(st.sampled_from([*ROBOTS.names[1:]]), st.lists(st.binary(min_size=1, max_size=60), max_size=8))
-def test_whatever_is_in_a_recording_is_told(name: str, data: list[bytes]) -> None:
+def test_traffic_of_any_recording_is_described(name: str, data: list[bytes]) -> None:
     traffic = [Piece(float(number), "rx", one) for number, one in enumerate(data)]
-    rows = list(in_words(traffic, ROBOTS.kind(name), "robot"))
+    rows = list(describe_traffic(traffic, ROBOTS.kind(name), "robot"))
     assert {row.at for row in rows} <= {piece.at for piece in traffic}
     silent = replace(ROBOTS.kind(name), describe=None)
-    assert [row.text for row in in_words(traffic, silent, "robot")] == [one.hex(" ").upper() for one in data]
+    assert [row.text for row in describe_traffic(traffic, silent, "robot")] == [
+        one.hex(" ").upper() for one in data
+    ]

@@ -1,4 +1,4 @@
-"""`probe robot` on every kind, healthy and with every fault: the answer, its time, and that nothing moves."""
+"""`probe robot` on every kind, healthy and with every fault: result, duration, and absence of motion."""
 
 import asyncio
 import re
@@ -27,21 +27,21 @@ from tools.probe_doc import KINDS, Case, Look, cases, look_at
 pytestmark = pytest.mark.sweep
 
 MOST_S = 5.0
-"""An answer comes within so long, but for an S3: there many settings of the link are tried."""
+"""Longest time for a response, except for an S3, where many link settings are tried."""
 SEARCH_S = 18.0
-"""Longest search for an S3's: 21 lines, two of them three times, 0.7 s each."""
+"""Longest search of an S3: 21 lines, two of them three times, 0.7 s each."""
 FLIPPED_BIT_M = 1e-8
-"""RSI has no checksum of its own: UDP's stands for it, and a bit that is flipped behind it makes a correction."""
+"""RSI has no checksum and relies on that of UDP; a bit flipped after it becomes a correction."""
 
 
 @cache
-def probed(kind: str, target: str = "", fault: str = "") -> Look:
+def probe_robot(kind: str, target: str = "", fault: str = "") -> Look:
     """Probe the emulated robot of a kind, with a fault that begins before."""
     return look_at(Case(kind, target, fault))
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
+    ("kind", "expected"),
     [
         ("s3", ["robot ABB S3", "state in standby"]),
         ("egm", ["robot ABB, Externally", "rate 250 Hz; 250 Hz by its settings", "state ready"]),
@@ -49,11 +49,11 @@ def probed(kind: str, target: str = "", fault: str = "") -> Look:
         ("rsi", ["robot KUKA", "by its settings", "state ready"]),
     ],
 )
-def test_a_healthy_robot_tells_what_it_is_and_that_a_run_would_begin(kind: str, words: list[str]) -> None:
-    look = probed(kind)
-    assert not look.refusals
-    for part in (*words, "position 900.0 -100.0 600.0 mm"):
-        assert part in look.words
+def test_probe_of_healthy_robot_reports_it_is_ready(kind: str, expected: list[str]) -> None:
+    view = probe_robot(kind)
+    assert not view.refusals
+    for part in (*expected, "position 900.0 -100.0 600.0 mm"):
+        assert part in view.words
 
 
 FAULTS = [
@@ -75,12 +75,12 @@ FAULTS = [
     ("egm", "robot", "out-of-limits", "mciState ERROR"),
     ("egm", "robot", "cannot-send", "mciState ERROR"),
     ("egm", "wire", "off", "sent nothing for 3.5 s; start its program, have it send to this computer's"),
-    ("egm", "wire", "garbled", "a datagram is not heeded"),
-    ("egm", "wire", "malformed", "a datagram is not heeded"),
+    ("egm", "wire", "garbled", "a datagram is ignored"),
+    ("egm", "wire", "malformed", "a datagram is ignored"),
     ("egm", "wire", "twice", "stale packets"),
-    ("egm", "wire", "wrong-seqno", "is not heeded"),
+    ("egm", "wire", "wrong-seqno", "is ignored"),
     ("egm", "pose", "nan", "position invalid"),
-    ("egm", "pose", "missing", "tells no pose"),
+    ("egm", "pose", "missing", "reports no pose"),
     ("rtde", "robot", "protective-stop", "PROTECTIVE_STOP"),
     ("rtde", "robot", "emergency-stop", "ROBOT_EMERGENCY_STOP"),
     ("rtde", "robot", "safeguard-stop", "SAFEGUARD_STOP"),
@@ -88,10 +88,10 @@ FAULTS = [
     ("rtde", "robot", "motors-off", "POWER_OFF"),
     ("rtde", "robot", "slider", "speed slider"),
     ("rtde", "robot", "in-use", "another client holds its input registers"),
-    ("rtde", "wire", "off", "its dashboard does not answer; look at the cable"),
-    ("rtde", "wire", "mute", "its dashboard does not answer"),
-    ("rtde", "wire", "deaf", "its dashboard does not answer"),
-    ("rtde", "wire", "garbled", "its dashboard does not answer"),
+    ("rtde", "wire", "off", "its dashboard does not respond; check the cable"),
+    ("rtde", "wire", "mute", "its dashboard does not respond"),
+    ("rtde", "wire", "deaf", "its dashboard does not respond"),
+    ("rtde", "wire", "garbled", "its dashboard does not respond"),
     ("rtde", "pose", "nan", "position"),
     ("rsi", "robot", "emergency-stop", "stop"),
     ("rsi", "robot", "guidance-ended", "sent nothing"),
@@ -99,38 +99,38 @@ FAULTS = [
     ("rsi", "robot", "out-of-limits", "sent nothing"),
     ("rsi", "wire", "off", "sent nothing"),
     ("rsi", "wire", "mute", "sent nothing"),
-    ("rsi", "wire", "garbled", "no text in UTF-8"),
-    ("rsi", "wire", "deaf", "it has not taken 50 answers"),
+    ("rsi", "wire", "garbled", "not valid UTF-8"),
+    ("rsi", "wire", "deaf", "it has not accepted 50 answers"),
     ("rsi", "wire", "lost", "packets missing"),
-    ("rsi", "wire", "malformed", "not understood"),
+    ("rsi", "wire", "malformed", "invalid telegram"),
     ("rsi", "pose", "nan", "position"),
     ("rsi", "pose", "missing", "it has no RIst"),
 ]
 
 
-@pytest.mark.parametrize(("kind", "target", "fault", "words"), FAULTS)
-def test_a_fault_is_told(kind: str, target: str, fault: str, words: str) -> None:
-    look = probed(kind, target, fault)
-    assert words.lower() in look.words.lower(), look.words
+@pytest.mark.parametrize(("kind", "target", "fault", "message"), FAULTS)
+def test_probe_reports_robot_fault(kind: str, target: str, fault: str, message: str) -> None:
+    view = probe_robot(kind, target, fault)
+    assert message.lower() in view.words.lower(), view.words
 
 
 @pytest.mark.parametrize(
-    ("kind", "settings", "words"),
+    ("kind", "settings", "message"),
     [
         ("egm", {"cell.egm.rw": "6.06"}, "state ready"),
         ("egm", {"cell.egm.rw": "6.10"}, "state ready"),
         (
             "egm",
             {"cell.egm.sample_ms": 8.0},
-            "it sends every 8.0 ms and not every 4 ms; set robot.egm.sample_ms",
+            "it sends every 8.0 ms instead of every 4 ms; set robot.egm.sample_ms",
         ),
         ("rtde", {"cell.rtde.version": "3.15.0.0", "cell.rtde.model": "ur10"}, "version 3.15.0.0"),
     ],
 )
-def test_a_robot_of_another_version(kind: str, settings: dict[str, object], words: str) -> None:
-    look = look_at(Case(kind, settings=settings))
-    assert words in look.words
-    assert look.took_s < MOST_S
+def test_probe_of_robot_with_other_version(kind: str, settings: dict[str, object], message: str) -> None:
+    view = look_at(Case(kind, settings=settings))
+    assert message in view.words
+    assert view.took_s < MOST_S
 
 
 @pytest.mark.parametrize(
@@ -138,20 +138,23 @@ def test_a_robot_of_another_version(kind: str, settings: dict[str, object], word
     [case for kind in KINDS for case in cases(kind)],
     ids=lambda case: "-".join(filter(None, case[:3])),
 )
-def test_nothing_moves_and_the_answer_comes_in_time(case: Case) -> None:
-    """No order is taken but RSI's answers, which say to stand. A Universal Robot hears no program and no input."""
-    look = probed(*case[:3])
+def test_probe_moves_nothing_and_responds_in_time(case: Case) -> None:
+    """The robot accepts no order except RSI's responses, which hold the position.
+
+    A Universal Robot receives no program and no input.
+    """
+    view = probe_robot(*case[:3])
     flipped = case[:3] == ("rsi", "wire", "corrupted")
     if case.fault != "encoder-offset":  # by itself it moves the arm
-        assert look.way_m <= (FLIPPED_BIT_M if flipped else 0.0)
-    assert case.kind == "rsi" or look.accepted == 0
-    assert case.kind != "rtde" or set(look.acts) <= {Act.CONTACT}
-    assert look.took_s < (SEARCH_S if case.kind == "s3" else MOST_S)
-    assert look.rows or look.refusals
+        assert view.way_m <= (FLIPPED_BIT_M if flipped else 0.0)
+    assert case.kind == "rsi" or view.accepted == 0
+    assert case.kind != "rtde" or set(view.acts) <= {Act.CONTACT}
+    assert view.took_s < (SEARCH_S if case.kind == "s3" else MOST_S)
+    assert view.rows or view.refusals
 
 
-def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
-    """The registers of a Universal Robot are the run's: the probe that asks for them is refused, three times."""
+def test_probe_during_run_does_not_disturb_it() -> None:
+    """The registers of a Universal Robot belong to the run: the probe that requests them is refused, three times."""
 
     async def main() -> tuple[list[str], list[str], int]:
         clock = Clock.running()
@@ -165,20 +168,20 @@ def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
             faults: list[str] = []
             answers: list[str] = []
 
-            async def look() -> None:
+            async def run_probe() -> None:
                 for _ in range(3):
                     await clock.sleep_until(clock.now() + 0.2)
-                    found = await probe(kind, url, settings, clock)
-                    answers.extend(trouble.fact for trouble in found.refusals)
+                    result = await probe(kind, url, settings, clock)
+                    answers.extend(trouble.fact for trouble in result.refusals)
 
-            looking = asyncio.create_task(look())
+            probing = asyncio.create_task(run_probe())
             async with link.motion(MotionLimits(0.02)) as motion:
                 begun = clock.now()
-                while not looking.done():
+                while not probing.done():
                     faults.append((await link.report()).fault)
                     x, y, z = start.position
                     await motion.to(Pose((x, y + 0.002 * (clock.now() - begun), z), start.quaternion))
-            await looking
+            await probing
             await link.aclose()
         clock.close()
         return answers, [fault for fault in faults if fault], len(faults)
@@ -191,7 +194,7 @@ def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "words"),
+    ("url", "message"),
     [
         ("rtde://10.0.0.5", "rtde+tcp://10.0.0.5"),
         ("egm://10.0.0.5/", "egm+udp-bind://0.0.0.0:6510"),
@@ -204,33 +207,33 @@ def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
         ("localhost", "rtde+tcp://localhost"),
     ],
 )
-def test_a_url_without_a_wire_is_answered_with_the_url_to_write(url: str, words: str) -> None:
-    with pytest.raises(ConfigError) as told:
+def test_probe_url_without_wire_suggests_complete_url(url: str, message: str) -> None:
+    with pytest.raises(ConfigError) as reported:
         robot_of(url)
-    assert words in str(told.value)
-    for written in str(told.value).partition("write ")[2].split(" or "):
+    assert message in str(reported.value)
+    for written in str(reported.value).partition("write ")[2].split(" or "):
         kind, wire = robot_of(written)
         assert kind.parse(wire, None) is not None  # type: ignore[arg-type]
 
 
-def test_the_file_of_a_probe_is_the_start_of_a_configuration(tmp_path: Path) -> None:
-    found = ProbeResult((("position", "900 mm"), ("program", "a\nurl = 'forged'\x1b")))
+def test_probe_file_is_a_loadable_configuration(tmp_path: Path) -> None:
+    result = ProbeResult((("position", "900 mm"), ("program", "a\nurl = 'forged'\x1b")))
     file = tmp_path / "cell.toml"
-    file.write_text(site_toml("rtde+tcp://192.0.2.1", found))
+    file.write_text(site_toml("rtde+tcp://192.0.2.1", result))
     assert load_config(file, {}).robot.url == "rtde+tcp://192.0.2.1"
     text = file.read_text()
     assert "# position: 900 mm\n# program: a url = 'forged'\\x1b\nurl = " in text, (
-        "a robot's words stay comments"
+        "text from the robot stays in comments"
     )
     every = re.sub("^#= ", "", text, flags=re.MULTILINE).replace(
         "jr3+can+socketcan://can0", "netft+udp://192.0.2.2"
     )
     file.write_text(every)
-    assert load_config(file, {}).tool.mass_kg == 0.5, "what an operator fills in are settings"
+    assert load_config(file, {}).tool.mass_kg == 0.5, "the fields for an operator are settings"
 
 
-def test_a_probe_keeps_a_file_that_is_there(tmp_path: Path) -> None:
+def test_probe_keeps_existing_file(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.touch()
-    done = CliRunner().invoke(cli, ["probe", "robot", "egm+udp-bind://127.0.0.1:0", "-o", str(file)])
-    assert "is there already" in str(done.exception)
+    result = CliRunner().invoke(cli, ["probe", "robot", "egm+udp-bind://127.0.0.1:0", "-o", str(file)])
+    assert "already exists" in str(result.exception)

@@ -1,4 +1,4 @@
-"""The Ethernet configuration of a KUKA controller against a configuration: each difference is a line of the doctor."""
+"""Ethernet configuration of a KUKA controller compared with a configuration: the doctor reports each difference."""
 
 import re
 from pathlib import Path
@@ -12,13 +12,13 @@ from hil_bridge.site.facts import Level
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "rsi.md"
 FILE = re.search(r"```xml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]  # type: ignore[index]
-"""The one that the page of RSI tells people to use."""
+"""File recommended by the RSI page."""
 
 
 def compare(
     folder: Path, text: str | bytes, settings: str = "", url: str = "rsi+udp-bind://192.168.1.10:49152"
 ) -> list[str]:
-    """The differences that the doctor names."""
+    """Return the differences that the doctor reports."""
     config, file = folder / "cell.toml", folder / "RSI.xml"
     config.write_text(f'[robot]\nurl = "{url}"\nemulated = "rsi"\n[robot.rsi]\n{settings}\n')
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -27,7 +27,7 @@ def compare(
     return [str(fact) for fact in facts if fact.level is Level.FAIL]
 
 
-def test_rsi_file_of_the_page_fits_the_defaults(tmp_path: Path) -> None:
+def test_documented_rsi_file_matches_defaults(tmp_path: Path) -> None:
     assert compare(tmp_path, FILE) == []
     assert compare(tmp_path, FILE, url="rsi+udp-bind://0.0.0.0:49152") == []
     assert compare(tmp_path, FILE, url="") == []
@@ -35,7 +35,7 @@ def test_rsi_file_of_the_page_fits_the_defaults(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "settings", "words"),
+    ("old", "new", "settings", "message"),
     [
         ("49152", "49153", "", "PORT is 49153, and robot.url listens on 49152"),
         (
@@ -61,18 +61,18 @@ def test_rsi_file_of_the_page_fits_the_defaults(tmp_path: Path) -> None:
         ('INDX="2"', 'INDX="1"', "", "RKorr.X and RKorr.Y have the same INDX"),
     ],
 )
-def test_difference_of_an_rsi_file_is_named(
-    tmp_path: Path, old: str, new: str, settings: str, words: str
+def test_rsi_file_differences_are_named(
+    tmp_path: Path, old: str, new: str, settings: str, message: str
 ) -> None:
-    found = compare(tmp_path, FILE.replace(old, new, 1), settings)
-    assert len(found) == 1
-    assert found[0].startswith("fail  RSI.xml: ")
-    assert words in found[0]
+    result = compare(tmp_path, FILE.replace(old, new, 1), settings)
+    assert len(result) == 1
+    assert result[0].startswith("fail  RSI.xml: ")
+    assert message in result[0]
 
 
-def test_axes_need_more_tags_of_an_rsi_file(tmp_path: Path) -> None:
-    found = compare(tmp_path, FILE, 'correction = "axes"\nmode = "absolute"')
-    assert [text.partition("; ")[0].partition(": ")[2] for text in found] == [
+def test_rsi_file_for_axes_needs_more_tags(tmp_path: Path) -> None:
+    result = compare(tmp_path, FILE, 'correction = "axes"\nmode = "absolute"')
+    assert [text.partition("; ")[0].partition(": ")[2] for text in result] == [
         "DEF_AIPos is not in SEND",
         "DEF_ASPos is not in SEND",
         "RECEIVE has no AK.A1 AK.A2 AK.A3 AK.A4 AK.A5 AK.A6, which a run sends",
@@ -80,38 +80,38 @@ def test_axes_need_more_tags_of_an_rsi_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
-        (b"", "no XML that can be read: no element found"),
-        (b"\xff\xfe\x00", "no XML that can be read"),
+        (b"", "invalid XML: no element found"),
+        (b"\xff\xfe\x00", "invalid XML"),
         (b"<ROOT/>", "its root must be ROOT with a CONFIG in it"),
         (b"<robot name='a'/>", "its root must be ROOT"),
         (b"<!DOCTYPE a [<!ENTITY b 'c'>]><ROOT>&b;</ROOT>", "it has a document type, 'a'; remove it"),
-        (b"<?xml version='1.0' encoding='klingon'?><ROOT/>", "no XML that can be read"),
+        (b"<?xml version='1.0' encoding='klingon'?><ROOT/>", "invalid XML"),
         (FILE.replace('HOLDON="0"', 'HOLDON="yes"', 1), "HOLDON of 'RKorr.X' must be 0 or 1, got 'yes'"),
         (FILE.replace("RKorr.Y", "RKorr.X"), "'RKorr.X' is in RECEIVE twice"),
         (FILE.replace('TAG="RKorr.X"', ""), "an ELEMENT has no TAG"),
         (FILE.replace("FALSE", "maybe"), "ONLYSEND must be TRUE or FALSE, got 'MAYBE'"),
-        (FILE.replace("ImFree", "Im&#10;Free"), "SENTYPE is no plain word: 'Im\\nFree'"),
-        (FILE.replace("RKorr.Y", "a&#x9b;b"), "TAG is no plain word: 'a\\x9bb'"),
-        (FILE.replace("RKorr.Y", "a" * 500), "TAG is no plain word: 'aaa"),
+        (FILE.replace("ImFree", "Im&#10;Free"), "SENTYPE is not a plain word: 'Im\\nFree'"),
+        (FILE.replace("RKorr.Y", "a&#x9b;b"), "TAG is not a plain word: 'a\\x9bb'"),
+        (FILE.replace("RKorr.Y", "a" * 500), "TAG is not a plain word: 'aaa"),
         (
             FILE.replace(
                 "<SEND><ELEMENTS>", '<SEND><ELEMENTS><ELEMENT TAG="a"/>' + "<ELEMENT TAG='b'/>" * 200
             ),
             "more than",
         ),
-        (b"<a>" * 300_000, "no XML that can be read"),
+        (b"<a>" * 300_000, "invalid XML"),
         (b" " * (1 << 20) + b"<ROOT/>", "longer than 1048576 bytes"),
     ],
 )
-def test_other_file_than_of_rsi_is_refused(tmp_path: Path, text: str | bytes, words: str) -> None:
+def test_non_rsi_file_is_refused(tmp_path: Path, text: str | bytes, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         compare(tmp_path, text)
-    assert f"RSI.xml is not a file of this controller: {words}" in str(caught.value)
+    assert f"RSI.xml is not a file of this controller: {message}" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_robot_without_such_a_file_is_named(tmp_path: Path) -> None:
+def test_robot_without_controller_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"the kind egm has no controller file to compare"):
         compare(tmp_path, FILE, url="egm+udp-bind://0.0.0.0:6510")

@@ -1,4 +1,4 @@
-"""Messages of the probe of a sensor, against emulated sensors in virtual time and with pushes laid on them."""
+"""Output of the sensor probe, with emulated sensors in virtual time and simulated pushes."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from tests.paper_cell import PaperCell
 pytestmark = pytest.mark.sweep
 
 Force = Callable[[float], Sequence[float]]
-"""Force of a hand on the tool at a time since the beginning, s; tool frame, N."""
+"""Force of a hand on the tool at a time since the start, s; tool frame, N."""
 URLS = {
     "gateway": "jr3+can+memory:sensor",
     "uart": "jr3-uart+memory:sensor",
@@ -29,20 +29,22 @@ URLS = {
 }
 
 
-def probed(
+def probe_sensor(
     before: str = "gateway",
     hand: Force | None = None,
     enter_at: Sequence[float] = (),
     prepare: Callable[[PaperCell], object] = lambda cell: None,
     duration_s: float = 2.0,
-    seen_as: dict[str, Any] | None = None,
-    heard: list[str] | None = None,
+    mounting: dict[str, Any] | None = None,
+    output: list[str] | None = None,
     **sections: Any,
 ) -> list[str]:
-    """The lines that a probe says; those of the live wrench begin with ~. `seen_as` is how the sensor really sits."""
+    """Return the lines of a probe; those of the live wrench begin with ~. `mounting` is the true mounting of the
+    sensor.
+    """
     config = read_config(sections)
-    sits = wrist(read_config({"sensor": seen_as or {}}))
-    said = [] if heard is None else heard
+    wrist_mounting = wrist(read_config({"sensor": mounting or {}}))
+    lines = [] if output is None else output
 
     def laid_on(*arguments: Any) -> PaperCell:
         cell = make_cell(*arguments)
@@ -55,7 +57,7 @@ def probed(
             wrenches = own(times)
             moments, places = np.unique(np.floor((times - VIRTUAL_EPOCH) * 100.0), return_inverse=True)
             forces = np.array([hand(moment / 100.0) for moment in moments.tolist()]).reshape(-1, 3)
-            wrenches[:, :3] += (forces @ sits.alignment())[places]
+            wrenches[:, :3] += (forces @ wrist_mounting.alignment())[places]
             return wrenches
 
         cell.wrench = wrench  # type: ignore[method-assign]
@@ -71,50 +73,52 @@ def probed(
             entered = asyncio.Event()
             for at in enter_at:
                 clock.call_at(VIRTUAL_EPOCH + at, entered.set)
-            screen = Screen(said.append, lambda text: said.append(f"~{text}"))
+            screen = Screen(lines.append, lambda text: lines.append(f"~{text}"))
             session = Session(screen, None if hand is None else entered, duration_s)
             await probe(URLS[before], config, clock, session)
 
     run_virtual(main)
-    return said
+    return lines
 
 
-def row(said: list[str], name: str) -> str:
-    (found,) = [line for line in said if line.startswith(f"{name} ")]
-    return found.removeprefix(name).strip()
+def row(lines: list[str], name: str) -> str:
+    (result,) = [line for line in lines if line.startswith(f"{name} ")]
+    return result.removeprefix(name).strip()
 
 
 @pytest.mark.parametrize("before", ["gateway", "uart", "board"])
-def test_a_sensor_tells_of_itself_and_shows_what_it_feels(before: str) -> None:
-    said = probed(before, cell={"tool": {"mass_kg": 2.0}})
+def test_sensor_probe_shows_description_and_wrench(before: str) -> None:
+    lines = probe_sensor(before, cell={"tool": {"mass_kg": 2.0}})
     scales = SensorProfile().full_scales_n
-    assert f"Fx {scales[0]:.0f}  Fy {scales[1]:.0f}  Fz {scales[2]:.0f} N" in row(said, "full scales")
-    assert row(said, "filter delay").endswith(" ms")
-    assert row(said, "stream").startswith("99 frames")
-    assert "rms over 1 s" in row(said, "noise")
-    wrench = row(said, "wrench")
-    live = [line for line in said if line.startswith("~")]
+    assert f"Fx {scales[0]:.0f}  Fy {scales[1]:.0f}  Fz {scales[2]:.0f} N" in row(lines, "full scales")
+    assert row(lines, "filter delay").endswith(" ms")
+    assert row(lines, "stream").startswith("99 frames")
+    assert "rms over 1 s" in row(lines, "noise")
+    wrench = row(lines, "wrench")
+    live = [line for line in lines if line.startswith("~")]
     assert len(live) == 2
     assert abs(abs(float(live[-1].split("Fz ")[1].split()[0])) - 2.0 * 9.80665) < 0.5
     assert abs(abs(float(wrench.split("Fz ")[1].split()[0])) - 2.0 * 9.80665) < 0.5
-    assert any("sensor model" in line for line in said) is (before == "board")
+    assert any("sensor model" in line for line in lines) is (before == "board")
 
 
-def test_the_noise_is_the_rms_of_each_axis() -> None:
-    """Whatever the filter leaves of it: twice the noise at the converter is twice the noise told."""
-    told = [
+def test_sensor_probe_noise_is_rms_of_each_axis() -> None:
+    """The noise is reported after the filter: twice the noise at the converter is reported as twice the noise."""
+    reported = [
         float(
-            row(probed(cell={"jr3": {"sensor": {"noise_counts": counts}}}), "noise")
+            row(probe_sensor(cell={"jr3": {"sensor": {"noise_counts": counts}}}), "noise")
             .split("Fz ")[1]
             .split()[0]
         )
         for counts in (20.0, 200.0)
     ]
-    assert told[1] / told[0] == pytest.approx(10.0, rel=0.25)
+    assert reported[1] / reported[0] == pytest.approx(10.0, rel=0.25)
 
 
-def in_turn(*forces: Sequence[float], begin: float = 8.0, every: float = 8.0, hold: float = 3.0) -> Force:
-    """One push after the other."""
+def pushes_in_turn(
+    *forces: Sequence[float], begin: float = 8.0, every: float = 8.0, hold: float = 3.0
+) -> Force:
+    """Return pushes one after the other."""
 
     def hand(at: float) -> Sequence[float]:
         number, into = divmod(at - begin, every)
@@ -126,16 +130,16 @@ def in_turn(*forces: Sequence[float], begin: float = 8.0, every: float = 8.0, ho
 X, Y, Z = (20.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0)
 
 
-def test_pushes_name_the_axes_of_a_sensor_that_sits_as_configured() -> None:
-    said = probed(hand=in_turn(X, Y, Z))
-    answers = [line.strip() for line in said if line.startswith("  +")]
+def test_pushes_confirm_configured_mounting() -> None:
+    lines = probe_sensor(hand=pushes_in_turn(X, Y, Z))
+    answers = [line.strip() for line in lines if line.startswith("  +")]
     assert [answer[:7] for answer in answers] == ["+X: +Fx", "+Y: +Fy", "+Z: +Fz"]
     assert all(answer.endswith("as configured") for answer in answers)
-    assert not any("[sensor]" in line for line in said)
+    assert not any("[sensor]" in line for line in lines)
 
 
 @pytest.mark.parametrize(
-    ("sits", "answers", "settings"),
+    ("wrist_mounting", "answers", "settings"),
     [
         ({"flip_fx_mx": True}, ["−Fx", "+Fy", "+Fz"], ("flip_fx_mx = true", "mounting_deg = 0.0")),
         ({"mounting_deg": 90.0}, ["−Fy", "+Fx", "+Fz"], ("flip_fx_mx = false", "mounting_deg = 90.0")),
@@ -146,54 +150,56 @@ def test_pushes_name_the_axes_of_a_sensor_that_sits_as_configured() -> None:
         ),
     ],
 )
-def test_pushes_say_what_to_set_where_the_sensor_sits_otherwise(
-    sits: dict[str, Any], answers: list[str], settings: tuple[str, ...]
+def test_pushes_suggest_settings_for_other_mounting(
+    wrist_mounting: dict[str, Any], answers: list[str], settings: tuple[str, ...]
 ) -> None:
-    said = probed(hand=in_turn(X, Y, Z), seen_as=sits)
-    assert [line.strip()[4:7] for line in said if line.startswith("  +")] == answers
-    assert any("off the mounting in [sensor] of the configuration" in line for line in said)
-    assert all(f"  {setting}" in said for setting in settings)
-    right = probed(hand=in_turn(X, Y, Z), seen_as=sits, sensor=sits)
+    lines = probe_sensor(hand=pushes_in_turn(X, Y, Z), mounting=wrist_mounting)
+    assert [line.strip()[4:7] for line in lines if line.startswith("  +")] == answers
+    assert any("off the mounting in [sensor] of the configuration" in line for line in lines)
+    assert all(f"  {setting}" in lines for setting in settings)
+    right = probe_sensor(hand=pushes_in_turn(X, Y, Z), mounting=wrist_mounting, sensor=wrist_mounting)
     assert sum(line.endswith("as configured") for line in right) == 3
 
 
-def test_enter_leaves_a_push_out_and_a_knock_is_none() -> None:
+def test_enter_skips_push_and_knock_is_ignored() -> None:
     def hand(at: float) -> Sequence[float]:
         return (0.0, 0.0, 50.0) if 5.0 < at < 5.1 else Y if 10.0 < at < 13.0 else (0.0, 0.0, 0.0)
 
-    said = probed(hand=hand, enter_at=(8.0, 20.0))
-    answers = [line for line in said if line.startswith("  +")]
+    lines = probe_sensor(hand=hand, enter_at=(8.0, 20.0))
+    answers = [line for line in lines if line.startswith("  +")]
     assert (answers[0], answers[1][:9], answers[2]) == ("  +X: skipped", "  +Y: +Fy", "  +Z: skipped")
 
 
-def test_a_push_along_the_wrong_way_asks_for_all_three() -> None:
-    said = probed(hand=in_turn((0.0, 0.0, -20.0), Y, Z))
-    assert any(line.startswith("  +X: −Fz responds") and "90° off" in line for line in said)
-    assert any("a clear push along all three axes" in line for line in said)
+def test_push_in_wrong_direction_requests_all_three() -> None:
+    lines = probe_sensor(hand=pushes_in_turn((0.0, 0.0, -20.0), Y, Z))
+    assert any(line.startswith("  +X: −Fz responds") and "90° off" in line for line in lines)
+    assert any("a clear push along all three axes" in line for line in lines)
 
 
 @pytest.mark.full
-def test_a_push_that_does_not_come_is_given_up() -> None:
-    said = probed(hand=lambda at: (0.0, 0.0, 0.0))
-    assert [line for line in said if line.startswith("  +")] == [f"  +{name}: skipped" for name in "XYZ"]
+def test_missing_push_times_out() -> None:
+    lines = probe_sensor(hand=lambda at: (0.0, 0.0, 0.0))
+    assert [line for line in lines if line.startswith("  +")] == [f"  +{name}: skipped" for name in "XYZ"]
 
 
-def test_nothing_but_the_start_of_a_run_is_sent() -> None:
-    """No zero: what the sensor felt stays, and its offsets with it."""
+def test_sensor_probe_sends_only_start_requests() -> None:
+    """Without a zero, the load of the sensor and its offsets remain."""
     wrenches = [
-        line for line in probed(cell={"tool": {"mass_kg": 3.0}}, hand=in_turn(X, Y, Z)) if line[0] == "~"
+        line
+        for line in probe_sensor(cell={"tool": {"mass_kg": 3.0}}, hand=pushes_in_turn(X, Y, Z))
+        if line[0] == "~"
     ]
     assert abs(abs(float(wrenches[-1].split("Fz ")[1].split()[0])) - 3.0 * 9.80665) < 0.5
 
 
-def test_a_sensor_that_is_not_there_is_one_line() -> None:
-    said: list[str] = []
+def test_sensor_probe_without_sensor_is_one_line() -> None:
+    lines: list[str] = []
     with pytest.raises(DeviceError, match="sensor unplugged"):
-        probed(cell={"jr3": {"sensor": {"connected": False}}}, heard=said)
-    assert not any("sensor unplugged" in line for line in said), "the error alone says it"
+        probe_sensor(cell={"jr3": {"sensor": {"connected": False}}}, output=lines)
+    assert not any("sensor unplugged" in line for line in lines), "only the error reports it"
 
 
-def test_a_sensor_that_falls_silent_ends_the_probe() -> None:
+def test_silent_sensor_ends_the_probe() -> None:
     def unplug(cell: PaperCell) -> None:
         gateway = cell.sensor
         assert isinstance(gateway, Gateway)
@@ -201,4 +207,4 @@ def test_a_sensor_that_falls_silent_ends_the_probe() -> None:
         gateway.data_to_send = lambda now: () if now > VIRTUAL_EPOCH + 6.0 else own(now)  # type: ignore[method-assign]
 
     with pytest.raises(DeviceError, match="0 frames in the last 1 s: it does not stream"):
-        probed(prepare=unplug, duration_s=60.0)
+        probe_sensor(prepare=unplug, duration_s=60.0)

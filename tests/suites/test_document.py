@@ -1,4 +1,4 @@
-"""The examples of docs/reference/testing.md, as they stand there, for devices of ours under the names of the page."""
+"""Examples of docs/reference/testing.md, unchanged, for built-in devices under the names of that page."""
 
 import re
 from importlib import import_module
@@ -53,7 +53,7 @@ def test_example_passes(
     assert passed >= 2
 
 
-def test_every_example_is_run_and_every_name_told() -> None:
+def test_suite_page_examples_and_names_are_complete() -> None:
     assert len(EXAMPLES) == PAGE.count("```python") == 9
     for name in testing.__all__:
         assert name in PAGE

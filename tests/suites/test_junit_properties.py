@@ -1,4 +1,4 @@
-"""Properties of JUnit files: requirements, recordings, and ends of runs."""
+"""Properties of JUnit files: requirements, recordings, and outcomes of runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +42,7 @@ PLUGIN = (
 
 @pytest.fixture
 def cases(pytester: pytest.Pytester) -> dict[str, Sequence[tuple[str, str]]]:
-    """Properties of each test case, by its name."""
+    """Return the properties of each test case by name."""
     pytester.makepyfile(test_mine=TESTS)
     pytester.runpytest_inprocess(*PLUGIN).assert_outcomes(passed=2, failed=1, skipped=1)
     root = ElementTree.parse(pytester.path / "tests.xml")
@@ -54,11 +54,11 @@ def cases(pytester: pytest.Pytester) -> dict[str, Sequence[tuple[str, str]]]:
     }
 
 
-def test_property_names_of_plugin_and_campaign_agree() -> None:
+def test_plugin_and_campaign_property_names_match() -> None:
     assert (plugin.REQUIREMENT, plugin.RECORDING) == (REQUIREMENT, RECORDING)
 
 
-def test_marked_requirements_are_properties(cases: dict[str, Sequence[tuple[str, str]]]) -> None:
+def test_marked_requirements_are_junit_properties(cases: dict[str, Sequence[tuple[str, str]]]) -> None:
     assert {
         name: [value for key, value in properties if key == REQUIREMENT] for name, properties in cases.items()
     } == {
@@ -69,7 +69,7 @@ def test_marked_requirements_are_properties(cases: dict[str, Sequence[tuple[str,
     }
 
 
-def test_run_and_kept_recording_are_properties(cases: dict[str, Sequence[tuple[str, str]]]) -> None:
+def test_run_and_recording_are_junit_properties(cases: dict[str, Sequence[tuple[str, str]]]) -> None:
     recordings = [Path(value) for case in cases.values() for key, value in case if key == RECORDING]
     assert len(recordings) == 2
     assert all(path.parent.name == "kept" and path.is_file() for path in recordings)

@@ -1,4 +1,4 @@
-"""Our own robots pass the suites for robots of others."""
+"""Built-in robots, tested by the suites for third-party robots."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Our own sensors pass the suites for sensors of others."""
+"""Built-in sensors, tested by the suites for third-party sensors."""
 
 from dataclasses import replace
 from typing import Any
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.sweep
 
 
 def still(name: str) -> KindSettings[Any, Any]:
-    """Settings of a sensor without creep: it would remember for long that the suite overloads it fifty times."""
+    """Return settings of a sensor without creep, which would persist after the fiftyfold overload of the suite."""
     usual = default_settings(SENSORS.kind(name))
     return replace(usual, emulated=replace(usual.emulated, creep_share=0.0))
 

@@ -1,4 +1,4 @@
-"""Our own steps pass the suite for steps of others."""
+"""Built-in steps, tested by the suite for third-party steps."""
 
 import math
 from dataclasses import dataclass
@@ -44,13 +44,13 @@ def step(request):
     return request.param
 
 
-def test_each_built_in_word_is_tried():
+def test_built_in_steps_are_all_tested():
     assert {step.do for step in STEPS.values()} == set(BUILT_IN)
 
 
 @dataclass(frozen=True, slots=True)
 class Listening(LedStep):
-    """Press for two seconds, and keep the moments."""
+    """Step that presses for two seconds, and stores the moments."""
 
     do: Literal["listening"] = "listening"
     for_s: float | None = 2.0
@@ -64,22 +64,22 @@ class Listening(LedStep):
         return memory, Lead((0.0, 0.0))
 
 
-def test_a_step_of_two_seconds_feels_each_moment_with_both_signs_and_zero():
-    """Some walk begins with each sign, and keeps it for more than one sample."""
+def test_step_suite_applies_moments_of_both_signs():
+    """Walks start with both signs, and some keep it for several samples."""
     Listening.walks.clear()
     walk(Listening())
     for axis in range(3):
-        felt = [[each[axis] for each in walk if not math.isnan(each[axis])] for walk in Listening.walks]
-        signs = [[(value > 0.0) - (value < 0.0) for value in values if value] for values in felt]
+        moments = [[each[axis] for each in walk if not math.isnan(each[axis])] for walk in Listening.walks]
+        signs = [[(value > 0.0) - (value < 0.0) for value in values if value] for values in moments]
         assert all({-1, 1} == set(values) for values in signs)
         assert {values[0] for values in signs if values[0] == values[1]} == {-1, 1}
-        assert any(0.0 in values for values in felt)
-        assert all(abs(value) < 5.0 for values in felt for value in values)
+        assert any(0.0 in values for values in moments)
+        assert all(abs(value) < 5.0 for values in moments for value in values)
 
 
 @dataclass(frozen=True, slots=True)
 class Deepens(Step):
-    """Press, and call it a retraction."""
+    """Faulty step that presses, but declares it a retraction."""
 
     do: Literal["deepens"] = "deepens"
     for_s: float | None = 1.0
@@ -91,6 +91,8 @@ class Deepens(Step):
         return StepResult(state, Order(Phase.RETRACT, context.contact.measurement.commanded + 1e-6))
 
 
-def test_a_retraction_that_goes_deeper_is_found():
-    with pytest.raises(AssertionError, match=r"it calls an order a retraction that goes 0\.001 mm deeper"):
+def test_retraction_going_deeper_is_detected():
+    with pytest.raises(
+        AssertionError, match=r"it declares an order a retraction that moves 0\.001 mm deeper"
+    ):
         walk(Deepens())

@@ -1,4 +1,4 @@
-"""Our own surfaces pass the suite for surfaces of others."""
+"""Built-in surfaces, tested by the suite for third-party surfaces."""
 
 import pytest
 

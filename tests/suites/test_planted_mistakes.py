@@ -1,4 +1,4 @@
-"""Naive implementations pass the suites, and each mistake that is planted in one is found and named."""
+"""Naive implementations pass the suites, and each planted mistake is detected and reported."""
 
 import re
 from importlib import import_module
@@ -51,36 +51,36 @@ def sensor_client(request):
 }
 NAMED = {
     "controller": {
-        "sign": "the wrong way: too much force",
-        "self": "keeps state in itself",
-        "nan": "not a number is acted upon",
-        "lost": "contact is lost",
+        "sign": "wrong direction: too much force",
+        "self": "keeps internal state",
+        "nan": "responds to an invalid measurement",
+        "lost": "without contact",
         "windup": "winds up",
     },
     "step": {
-        "self": "keeps state in itself",
-        "place": "the state that was given was changed",
+        "self": "keeps internal state",
+        "place": "the input state was modified",
         "clock": "reads a clock",
-        "nan": "the setting radius_mm takes NaN",
+        "nan": "the setting radius_mm accepts NaN",
         "endless": "a led step needs for_s",
         "moment": "it fails: ValueError: it leads to nan m, nan m",
         "turns": "it fails: ArithmeticError: the moment has turned",
         "negative": "it fails: ValueError: it asks for a force of -10 N",
         "divides": "ZeroDivisionError: float division by zero",
         "far": "it asks for a force of",
-        "words": "describe must tell one line each",
-        "file": "read again from a recording",
+        "words": "describe must return single lines",
+        "file": "read back from a recording",
     },
     "robot": {
-        "stop": "orders were sent on after a protective stop",
+        "stop": "orders continued after a protective stop",
         "commanded": "the commanded pose is reported as the actual one",
         "stale": "a stale packet was taken for a new report",
         "leak": "leaks a wire",
-        "mm": "mm or mN taken for m or N",
+        "mm": "mm or mN interpreted as m or N",
     },
     "robot, more": {
-        "halt": "a robot that was halted continues",
-        "nowhere": "an order that is not a number is taken",
+        "halt": "a halted robot continues to move",
+        "nowhere": "an order with NaN is accepted",
         "waits": "waits forever",
         "task": "leaves a task behind",
         "sign": "the sign of its vector part is wrong",
@@ -88,10 +88,10 @@ NAMED = {
     "sensor": {
         "moment-sign": "the sign of my is wrong",
         "zero-unit": "not in the unit of the frame",
-        "check": "its check was not heeded",
-        "split": "is put together wrongly",
-        "repeat": "an old frame is told as a new one",
-        "overload": "an overload is not told",
+        "check": "its checksum was ignored",
+        "split": "is reassembled incorrectly",
+        "repeat": "an old frame is reported as a new one",
+        "overload": "an overload is not reported",
     },
 }
 PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q", "--tb=native")
@@ -101,12 +101,12 @@ QUICK = {
     "robot, more": "(no_number and nowhere) or (silent and waits) or (cancelled and task) or (where_the and sign) or "
     "(after_a_halt and not nowhere and not waits and not task and not sign)"
 }
-"""Tests for mistakes that take long to look for by all."""
+"""Tests for mistakes that the complete suite detects slowly."""
 LONG = "not any_sequence and not every_fault"
 
 
 @pytest.mark.parametrize("kind", NAMED)
-def test_each_mistake_is_found_and_named(
+def test_planted_mistake_is_detected_by_its_test(
     kind: str, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
@@ -114,17 +114,17 @@ def test_each_mistake_is_found_and_named(
     head = f"import pytest\nMISTAKES = {list(named)}\n"
     pytester.makepyfile(head + MODULES[kind.partition(",")[0]])
     result = pytester.inline_run(*PLUGIN, "-k", QUICK.get(kind, LONG))
-    told = dict.fromkeys(named, "")
+    output = dict.fromkeys(named, "")
     for report in result.getreports("pytest_runtest_logreport"):
         if report.failed:
-            mistake = next(name for name in told if re.search(rf"[\[-]{name}[\]-]", report.nodeid))
-            told[mistake] += str(report.longrepr)
-    missed = {mistake: words for mistake, words in named.items() if words not in told[mistake]}
-    assert not missed, {mistake: told[mistake][-2000:] for mistake in missed}
+            mistake = next(name for name in output if re.search(rf"[\[-]{name}[\]-]", report.nodeid))
+            output[mistake] += str(report.longrepr)
+    missed = {mistake: text for mistake, text in named.items() if text not in output[mistake]}
+    assert not missed, {mistake: output[mistake][-2000:] for mistake in missed}
 
 
 @pytest.mark.parametrize("kind", MODULES)
-def test_without_a_mistake_it_passes(
+def test_naive_implementation_passes(
     kind: str, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))

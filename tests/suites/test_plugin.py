@@ -1,4 +1,4 @@
-"""The plug-in of pytest: what is missing is told, what is skipped is counted, and loading it costs nothing."""
+"""pytest plug-in: it reports what is missing, counts what is skipped, and costs nothing to load."""
 
 import subprocess
 import sys
@@ -16,11 +16,11 @@ pytest_plugins = "pytester"
 
 PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio")
 SUITE_MODULES = [import_module(name) for name in SUITES]
-"""Imported once: pytester forgets what a run inside it has imported, and NumPy cannot be imported again."""
+"""Modules imported once: pytester unloads what an inner run imports, and NumPy cannot be imported again."""
 hil_bridge.simulate({"run": {"duration_s": 0.2}})
 
 
-def test_missing_fixture_fails_and_says_which_and_where(pytester: pytest.Pytester) -> None:
+def test_missing_fixture_is_reported_with_location(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         test_mine="\n".join(f"from {module} import *" for module in SUITES)
         + "\nfrom hil_bridge.testing.transports import TestStreamWire\n"
@@ -28,13 +28,13 @@ def test_missing_fixture_fails_and_says_which_and_where(pytester: pytest.Pyteste
     result = pytester.runpytest_inprocess(*PLUGIN, "-q", "-x", "--maxfail=1000")
     counts = result.parseoutcomes()
     assert set(counts) <= {"failed", "warnings"}, counts
-    told = result.stdout.str()
+    output = result.stdout.str()
     where = pytester.path / "test_mine.py"
     for suite in SUITES.values():
         example = "\n".join(f"    {line}" for line in suite.example)
         assert (
             f"the suite for a {suite.title} needs fixture {suite.needs!r}; define it in {where}:\n{example}\n"
-            in told
+            in output
         )
 
 
@@ -61,7 +61,7 @@ def test_of_my_own(hil_simulate, hil_cell):
 """
 
 
-def test_summary_counts_what_was_run_and_skipped_and_a_failed_run_is_kept(pytester: pytest.Pytester) -> None:
+def test_summary_counts_tests_and_failed_run_is_saved(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_mine=MINE)
     result = pytester.runpytest_inprocess(*PLUGIN, "-q")
     assert result.parseoutcomes()["passed"] == 8
@@ -77,7 +77,7 @@ def test_summary_counts_what_was_run_and_skipped_and_a_failed_run_is_kept(pytest
     )
 
 
-def test_fixture_may_come_from_a_parameter_or_a_conftest(pytester: pytest.Pytester) -> None:
+def test_fixture_from_parameter_or_conftest_is_used(pytester: pytest.Pytester) -> None:
     body = MINE.partition("@pytest.fixture")[0]
     pytester.makepyfile(
         test_marked=body + "pytestmark = pytest.mark.parametrize('surface', [SurfaceCase(KIND)])\n",
@@ -93,9 +93,7 @@ def test_fixture_may_come_from_a_parameter_or_a_conftest(pytester: pytest.Pytest
 
 
 @pytest.mark.parametrize("version", [SUITE_VERSION, "0"])
-def test_another_version_than_the_pinned_one_ends_in_one_line(
-    pytester: pytest.Pytester, version: str
-) -> None:
+def test_unpinned_runtime_version_is_refused(pytester: pytest.Pytester, version: str) -> None:
     pytester.makeini(f"[pytest]\nhil_suite = {version}\n")
     pytester.makepyfile("def test_nothing(): pass")
     result = pytester.runpytest_inprocess(*PLUGIN)
@@ -104,12 +102,12 @@ def test_another_version_than_the_pinned_one_ends_in_one_line(
         return
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     assert [line for line in result.stderr.lines if line] == [
-        f"ERROR: hil_suite is 0, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install the "
-        "release that has yours, or set hil_suite again once the tests pass"
+        f"ERROR: hil_suite is 0, but the installed hil-bridge has version {SUITE_VERSION} of its suites: install the "
+        "release with your version, or update hil_suite once the tests pass"
     ]
 
 
-def test_loading_imports_nothing_of_the_product() -> None:
+def test_plugin_loading_imports_no_product_module() -> None:
     code = (
         "import sys, pytest, time; before = set(sys.modules); began = time.process_time(); "
         "import hil_bridge.testing.plugin; took = time.process_time() - began; "
@@ -120,14 +118,14 @@ def test_loading_imports_nothing_of_the_product() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
 
 
-def test_no_two_suites_have_a_test_of_the_same_name() -> None:
-    """A module may import several suites with `*`: one must not hide another's tests."""
-    seen: dict[str, str] = {}
+def test_suite_test_names_are_unique() -> None:
+    """A module may import several suites with `*`: one must not hide the tests of another."""
+    owners: dict[str, str] = {}
     for module in SUITE_MODULES:
         for name in module.__all__:
             if name.lower().startswith("test"):
-                assert name not in seen, f"{name} is in {seen[name]} and in {module.__name__}"
-                seen[name] = module.__name__
+                assert name not in owners, f"{name} is in {owners[name]} and in {module.__name__}"
+                owners[name] = module.__name__
 
 
 OF_OTHERS = """
@@ -144,7 +142,7 @@ def test_that_takes_its_folder_away(hil_simulate, tmp_path):
 """
 
 
-def test_tests_of_others_are_not_ended_by_the_plug_in(pytester: pytest.Pytester) -> None:
+def test_plugin_does_not_end_third_party_tests(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_mine=OF_OTHERS)
     result = pytester.runpytest_inprocess(*PLUGIN, "-q")
     result.assert_outcomes(passed=1, failed=1)
@@ -183,7 +181,7 @@ for k in range(1, 400):
 """
 
 
-def test_a_wrong_name_fails_the_test_with_one_line(pytester: pytest.Pytester) -> None:
+def test_unknown_name_fails_test_with_one_line(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         test_mine="def test_my_client(hil_conform):\n    hil_conform('emg', ['true'], 'stopped')\n"
     )
@@ -194,7 +192,7 @@ def test_a_wrong_name_fails_the_test_with_one_line(pytester: pytest.Pytester) ->
 
 
 @pytest.mark.live
-def test_a_client_is_judged_by_tests_and_its_verdict_stands_in_their_junit_file(
+def test_client_verdict_appears_in_junit_file(
     pytester: pytest.Pytester,
 ) -> None:
     client = pytester.path / "client.py"
@@ -212,11 +210,11 @@ def test_a_client_is_judged_by_tests_and_its_verdict_stands_in_their_junit_file(
     assert int(properties["nominal.orders"] or 0) > 10
     reason = skipped.find("skipped")
     assert reason is not None
-    assert "a pose, and EGM runs in mode joint" in str(reason.get("message"))
+    assert "a pose, but EGM runs in mode joint" in str(reason.get("message"))
 
 
 @pytest.mark.live
-def test_a_client_with_a_mistake_fails_its_test(pytester: pytest.Pytester) -> None:
+def test_client_with_mistake_fails(pytester: pytest.Pytester) -> None:
     client = pytester.path / "client.py"
     client.write_text(EGM_CLIENT)
     rules = "run_s=0.5, stand_s=0.2"

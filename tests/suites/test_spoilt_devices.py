@@ -1,4 +1,4 @@
-"""Emulated devices and surfaces that are spoilt on purpose fail the suites: no test of these is one that all pass."""
+"""Defective emulated devices and surfaces fail the suites: every test can fail."""
 
 import dataclasses
 import random
@@ -23,7 +23,7 @@ from hil_bridge.testing import (
 
 
 class Around:
-    """Something with a few names of its own, and all others of what it stands around."""
+    """Wrapper that overrides some attributes of an object."""
 
     def __init__(self, inner: Any, **own: Any) -> None:
         self._inner = inner
@@ -37,7 +37,7 @@ class Around:
 
 
 def moved(path: Any, by: Callable[[Any], Any]) -> Any:
-    """A path whose positions along x are changed, m, by a function of the times."""
+    """Return a path whose x positions are offset, m, by a function of the times."""
 
     def trajectory(times: Any) -> tuple[Any, Any]:
         positions, velocities = path.trajectory(times)
@@ -82,7 +82,7 @@ def raises(robot: Any, now: float) -> Any:
 SPOILT_ROBOTS: dict[str, tuple[Callable[[Any, float], Any], str]] = {
     "test_it_is_powered_up_where_it_is_told": (
         lambda robot, now: Around(robot, path=moved(robot.path, lambda times: 1e-3)),
-        "powered up at",
+        "the robot starts at",
     ),
     "test_without_orders_it_stands": (
         lambda robot, now: Around(robot, path=moved(robot.path, lambda times: 0.01 * (times - now))),
@@ -94,12 +94,12 @@ SPOILT_ROBOTS: dict[str, tuple[Callable[[Any, float], Any], str]] = {
     ),
     "test_committed_path_never_changes": (
         lambda robot, now: Around(robot, path=moved(robot.path, lambda times: 1e-6 * robot.accepted)),
-        "where it was committed",
+        "the committed part of the path",
     ),
-    "test_reading_changes_nothing": (read_changes, "went another way"),
+    "test_reading_changes_nothing": (read_changes, "reading the path changed the path"),
     "test_same_seed_does_the_same": (
         lambda robot, now: Around(robot, path=moved(robot.path, lambda times: random.random() * 1e-6)),
-        "went different ways",
+        "took different paths",
     ),
     "test_targets_are_counted_and_begin_after_their_order": (
         lambda robot, now: Around(robot, accepted=0),
@@ -107,31 +107,31 @@ SPOILT_ROBOTS: dict[str, tuple[Callable[[Any, float], Any], str]] = {
     ),
     "test_every_fault_of_the_robot_can_begin": (
         lambda robot, now: Around(robot, handlers={**robot.handlers, "own": {"secret": None}}),
-        "does not tell",
+        "is not in the table of its faults",
     ),
 }
 
 
 @pytest.mark.parametrize("test", SPOILT_ROBOTS)
-def test_spoilt_robot_fails(test: str) -> None:
-    spoil, words = SPOILT_ROBOTS[test]
-    with pytest.raises(AssertionError, match=words):
+def test_defective_robot_fails_suite(test: str) -> None:
+    spoil, text = SPOILT_ROBOTS[test]
+    with pytest.raises(AssertionError, match=text):
         getattr(robot_emulators, test)(spoilt_robot(spoil))
 
 
-def test_robot_that_breaks_on_hostile_bytes_fails() -> None:
+def test_robot_failing_on_malformed_bytes_fails_suite() -> None:
     with pytest.raises(ValueError, match="no telegram"):
         robot_emulators.test_hostile_bytes_neither_break_nor_move_it(spoilt_robot(raises), "garbage")
 
 
-def test_client_that_goes_faster_than_allowed_fails() -> None:
+def test_client_above_speed_limit_fails() -> None:
     room = ROBOTS.kind("s3")
 
     async def connect(url: str, settings: Any, wiring: Any) -> Any:
         link = await room.connect(url, settings, wiring)
         return Around(link, motion=lambda limits: link.motion(MotionLimits(4.0 * limits.speed)))
 
-    with pytest.raises(AssertionError, match="mm/s, allowed were 50"):
+    with pytest.raises(AssertionError, match="mm/s; allowed: at most 50"):
         robot_clients.test_speed_of_a_movement_is_kept(RobotCase(dataclasses.replace(room, connect=connect)))
 
 
@@ -146,7 +146,7 @@ def spoilt_sensor(
 
     def make(settings: Any) -> Any:
         factory = room.emulation.make(settings)  # type: ignore[union-attr]
-        return lambda felt, now, seed: spoil(factory(source(felt), now, seed))
+        return lambda moments, now, seed: spoil(factory(source(moments), now, seed))
 
     emulation = dataclasses.replace(room.emulation, make=make)
     return SensorCase(dataclasses.replace(room, emulation=emulation), settle_s=0.3)
@@ -159,7 +159,7 @@ def random_source(source: Any) -> Any:
 SPOILT_SENSORS: dict[str, tuple[SensorCase, str]] = {
     "test_sample_has_a_time": (
         spoilt_sensor(lambda sensor: Around(sensor, sampled_at=lambda counter: None)),
-        "does not know when",
+        "has no measurement time",
     ),
     "test_same_seed_tells_the_same": (
         spoilt_sensor(lambda sensor: sensor, random_source),
@@ -171,19 +171,19 @@ SPOILT_SENSORS: dict[str, tuple[SensorCase, str]] = {
                 sensor, sampled_at=lambda counter: (sensor.sampled_at(counter) or 0.0) - 0.3
             )
         ),
-        "a sample from before a step tells it",
+        "a sample from before a step already contains it",
     ),
     "test_every_fault_of_the_sensor_can_begin": (
         spoilt_sensor(lambda sensor: Around(sensor, handlers={**sensor.handlers, "own": {"secret": None}})),
-        "does not tell",
+        "is not in the table of its faults",
     ),
 }
 
 
 @pytest.mark.parametrize("test", SPOILT_SENSORS)
-def test_spoilt_sensor_fails(test: str) -> None:
-    case, words = SPOILT_SENSORS[test]
-    with pytest.raises(AssertionError, match=words):
+def test_defective_sensor_fails_suite(test: str) -> None:
+    case, text = SPOILT_SENSORS[test]
+    with pytest.raises(AssertionError, match=text):
         getattr(sensor_emulators, test)(case)
 
 
@@ -200,7 +200,7 @@ def spoilt_surface(spoil: Callable[[Any], Any]) -> SurfaceCase:
 
 
 def with_force(change: Callable[..., Any]) -> Callable[[Any], Any]:
-    """A surface whose force is changed: by a function of force, positions, velocities and times."""
+    """Return a surface whose force is changed by a function of force, positions, velocities and times."""
 
     def spoil(surface: Any) -> Any:
         def force(positions: Any, velocities: Any, times: Any) -> Any:
@@ -212,12 +212,12 @@ def with_force(change: Callable[..., Any]) -> Callable[[Any], Any]:
 
 
 def forgetful(surface: Any) -> Any:
-    """It counts what it is asked, in its copies too."""
-    asked = [0]
+    """Return a surface that counts its calls, including those of its copies."""
+    calls = [0]
 
     def force(positions: Any, velocities: Any, times: Any) -> Any:
-        asked[0] += 1
-        return surface.force(positions, velocities, times) * (1.0 + 0.01 * asked[0])
+        calls[0] += 1
+        return surface.force(positions, velocities, times) * (1.0 + 0.01 * calls[0])
 
     spoilt: Any = Around(surface, force=force)
     spoilt.aside = lambda: spoilt
@@ -233,7 +233,7 @@ SPOILT_SURFACES: dict[str, tuple[Callable[[Any], Any], str]] = {
     "test_it_never_pulls": (with_force(lambda force, *rest: -force), "pulls|sign of the force"),
     "test_deeper_is_never_softer": (
         with_force(lambda force, *rest: np.minimum(force, 10.0 - force)),
-        "pushes back less",
+        "decreases with depth",
     ),
     "test_any_numbers_are_answered_with_numbers": (
         with_force(lambda force, positions, *rest: force / np.where(positions == 0.0, np.nan, 1.0)),
@@ -241,7 +241,7 @@ SPOILT_SURFACES: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "test_pieces_of_a_path_are_answered_as_the_whole": (forgetful, "in pieces"),
     "test_questions_aside_change_nothing": (forgetful, "aside"),
-    "test_shown_again_it_answers_the_same": (forgetful, "shown again"),
+    "test_shown_again_it_answers_the_same": (forgetful, "the same samples give other forces"),
     "test_friction_acts_against_the_sliding": (
         with_force(lambda force, *rest: force * [-1.0, -1.0, 1.0]),
         "its sign is wrong",
@@ -260,7 +260,7 @@ SPOILT_SURFACES: dict[str, tuple[Callable[[Any], Any], str]] = {
 
 
 @pytest.mark.parametrize("test", SPOILT_SURFACES)
-def test_spoilt_surface_fails(test: str) -> None:
-    spoil, words = SPOILT_SURFACES[test]
-    with pytest.raises(AssertionError, match=words):
+def test_defective_surface_fails_suite(test: str) -> None:
+    spoil, text = SPOILT_SURFACES[test]
+    with pytest.raises(AssertionError, match=text):
         getattr(surfaces, test)(spoilt_surface(spoil))

@@ -1,4 +1,4 @@
-"""Limits of size, the import contract of the devices' rooms, and the version of the package."""
+"""Tests of size limits, the import contract of device packages, and the version of the package."""
 
 import re
 import tomllib
@@ -8,7 +8,7 @@ import grimp
 import pytest
 
 from tools.device_rooms import DeviceRooms
-from tools.same_run import compared, read
+from tools.same_run import compare, read
 from tools.size import exceeded, exceeded_functions, lines_by_room
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,12 +25,12 @@ LIMITS = {
 
 
 @pytest.mark.parametrize("name", LIMITS)
-def test_functions_above_a_limit_are_named(name):
+def test_functions_above_limit_are_named(name):
     text, excesses = LIMITS[name]
     assert list(exceeded_functions(text)) == excesses
 
 
-def test_long_module_and_tool_are_named_but_no_command(tmp_path):
+def test_long_modules_are_named_except_commands(tmp_path):
     for name in ("hil_bridge/cli/run.py", "tools/run.py"):
         path = tmp_path / name
         path.parent.mkdir(parents=True)
@@ -43,12 +43,12 @@ def test_long_module_and_tool_are_named_but_no_command(tmp_path):
     assert lines_by_room(tmp_path) == {"hil_bridge/cli": 501, "tools": 501}
 
 
-def test_nothing_of_ours_exceeds_a_limit_of_the_style():
+def test_code_is_within_style_limits():
     assert list(exceeded(ROOT)) == []
 
 
 def rooms_contract(*imports):
-    """Whether the contract of the devices' rooms keeps these imports, and those that break it."""
+    """Return whether the contract of device packages allows these imports, and those that break it."""
     graph = grimp.ImportGraph()
     for folder in ("wire.devices", "house.robots"):
         for room in ("red", "blue"):
@@ -61,7 +61,7 @@ def rooms_contract(*imports):
     return checked.kept, checked.metadata["broken"]
 
 
-def test_a_device_knows_its_own_rooms_and_no_other():
+def test_device_imports_only_its_own_packages():
     own = ("house.robots.red.part", "wire.devices.red.part")
     shell = ("house.robots.red.part", "house.robots.shell")
     assert rooms_contract(own, shell) == (True, [])
@@ -73,7 +73,7 @@ def test_a_device_knows_its_own_rooms_and_no_other():
 CHANGES = ("Added", "Changed", "Deprecated", "Removed", "Fixed", "Security")
 
 
-def test_changelog_begins_with_the_version_of_the_package():
+def test_changelog_begins_with_package_version():
     """Changes of a development version are under Unreleased, and `make release-check` refuses such a version."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     newest, last = re.findall(
@@ -96,23 +96,23 @@ def test_changelog_lists_short_changes_under_known_headings():
 
 
 def numbers(version):
-    """Numbers of a version, to compare it with another one."""
+    """Return the numbers of a version, for comparison."""
     return tuple(map(int, version.partition(".dev")[0].split(".")))
 
 
 @pytest.fixture
 def seeded(tmp_path, hil):
-    """Three short virtual runs: two of one seed, one of another."""
+    """Return three short virtual runs: two with one seed, one with another."""
     paths = [tmp_path / f"{name}.mcap" for name in ("one", "again", "other")]
     for path, seed in zip(paths, (7, 7, 8), strict=True):
         hil(*f"run --virtual --no-view --duration 3 --seed {seed} --record {path}".split())
     return [read(path) for path in paths]
 
 
-def test_a_run_of_the_same_seed_is_the_same_run(seeded):
+def test_same_seed_gives_same_run(seeded):
     one, again, other = seeded
-    assert compared(one, again) == ([], True)
-    told, equal = compared(one, other)
+    assert compare(one, again) == ([], True)
+    reported, equal = compare(one, other)
     assert not equal
-    assert any(line.startswith("DIFFERENT forces: force in ") for line in told)
-    assert "metadata: run.seed: 7 before, 8 after" in told
+    assert any(line.startswith("DIFFERENT forces: force in ") for line in reported)
+    assert "metadata: run.seed: 7 before, 8 after" in reported

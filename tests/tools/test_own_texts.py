@@ -1,10 +1,10 @@
-"""A text that was made for people is never taken apart: what needs a part of it reads a field."""
+"""Tests that text made for an operator is never parsed: code that needs a part of it reads a field."""
 
 from pathlib import Path
 
 import pytest
 
-from tools.own_texts import places, taken_apart
+from tools.own_texts import parsed_texts, places
 
 ROOT = Path(__file__).resolve().parents[2]
 ALLOWED = {
@@ -13,19 +13,22 @@ ALLOWED = {
         "hil_bridge/transports/can/message.py",
         "str(error).startswith(('Transmit buffer full', 'Could not send message",
     ),
-    ("hil_bridge/transports/reasons.py", "str(error).split()"),  # of the operating system, put into one line
+    (
+        "hil_bridge/transports/reasons.py",
+        "str(error).split()",
+    ),  # from the operating system, joined into one line
     ("hil_bridge/transports/urls.py", "self.text.partition('?')"),  # a URL, as an operator wrote it
 }
-"""Texts of others, and lines of a text. An expression is given by its begin."""
+"""Third-party texts, and lines of a text. An expression is given by its start."""
 
 
-def test_no_text_of_ours_is_taken_apart() -> None:
+def test_no_own_text_is_parsed() -> None:
     left = dict.fromkeys(ALLOWED, False)
-    for file, expression in taken_apart(ROOT):
+    for file, expression in parsed_texts(ROOT):
         known = [place for place in ALLOWED if place[0] == file and expression.startswith(place[1])]
-        assert known, f"{file}: {expression} reads a part of a text; give it a field"
+        assert known, f"{file}: {expression} parses a part of a text; add a field for it"
         left[known[0]] = True
-    assert all(left.values()), "a place that is allowed is not there any more"
+    assert all(left.values()), "an allowed expression no longer exists"
 
 
 @pytest.mark.parametrize(
@@ -40,11 +43,11 @@ def test_no_text_of_ours_is_taken_apart() -> None:
         "short = span.label.split(' (')[0]",
     ],
 )
-def test_each_way_to_take_a_text_apart_is_seen(line: str) -> None:
+def test_each_parsing_method_is_detected(line: str) -> None:
     module = f"try:\n    act()\nexcept ValueError as error:\n    {line}\n"
     assert len(list(places(module))) == 1
 
 
-def test_a_text_that_is_only_shown_is_no_such_place() -> None:
+def test_displayed_text_is_not_reported() -> None:
     module = "def show(event):\n    print(event.text, len(event.text), event.kind.split('-'), f'{event.label}: x')\n"
     assert not list(places(module))

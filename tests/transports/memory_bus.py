@@ -10,7 +10,7 @@ from protocol.can.frame import CanFrame
 
 US = 1e-6
 DELIMITER_AND_SLOT = 1 + 1
-"""Bits of the checksum's delimiter and of the acknowledge slot."""
+"""Bits of the CRC delimiter and the ACK slot."""
 ERROR_FRAME = 6 + 8
 """Flag and delimiter."""
 BETWEEN = 3
@@ -19,7 +19,7 @@ PATIENCE = 0.1
 
 
 class Log:
-    """Arrivals at a node, with the time: frames and error reports apart."""
+    """Arrivals at a node, with the time: frames and error reports separately."""
 
     def __init__(self, node: Any, clock: Clock) -> None:
         self.items: list[tuple[float, CanFrame]] = []
@@ -57,7 +57,7 @@ def virtual(check: Callable[[Clock], Awaitable[None]]) -> None:
 
 
 class Hits:
-    """Disturbs the first frames in the bits that it is given."""
+    """Disturbs the first frames in the given bits."""
 
     def __init__(self, *bits: int | None) -> None:
         self._bits = list(bits)

@@ -1,4 +1,4 @@
-"""The kernel's side of a SocketCAN socket, played by a python-can bus, after net/can/raw.c and the drivers."""
+"""Kernel's side of a SocketCAN socket, simulated by a python-can bus, after net/can/raw.c and the drivers."""
 
 import errno
 import os
@@ -22,22 +22,22 @@ RESTARTED = encode_error(CanErrorReport(ErrorClass.RESTARTED))
 
 
 def failure(number: int) -> can.CanOperationError:
-    """An error as python-can raises it."""
+    """Return an error as raised by python-can."""
     return can.CanOperationError(f"Failed: {os.strerror(number)}", number)
 
 
 class Kernel(can.BusABC):
-    """One socket and the interface it is bound to."""
+    """Socket and the interface that it is bound to."""
 
     def __init__(self, clock: Clock, fd: int = 1000) -> None:
         super().__init__("can0")
         self.clock = clock
         self.fd = fd
         self.room = 1_000_000
-        """Frames that the interface takes before it is full."""
+        """Frames that the interface accepts before it is full."""
         self.up = True
         self.error: int | None = None
-        """Next answer of the socket, once."""
+        """Error of the next call, once."""
         self.pending: deque[can.Message] = deque()
         self.sent: list[tuple[float, can.Message]] = []
         self.closed = False
@@ -62,7 +62,7 @@ class Kernel(can.BusABC):
     # --- events of the interface
 
     def arrive(self, *frames: CanFrame) -> None:
-        """Frames of others, or reports of the driver."""
+        """Add received frames, or reports of the driver."""
         for frame in frames:
             message = to_message(frame)
             message.is_error_frame = frame.error
@@ -70,7 +70,7 @@ class Kernel(can.BusABC):
         self.wake()
 
     def go_down(self, number: int = errno.ENETDOWN) -> None:
-        """The interface is set down, or is gone with ENODEV."""
+        """Set the interface down, or remove it with ENODEV."""
         self.up = False
         self.error = number
         self.wake()
@@ -121,7 +121,7 @@ class Kernel(can.BusABC):
 
     @property
     def numbers(self) -> list[int]:
-        """Identifiers that left, in order."""
+        """Identifiers that were sent, in order."""
         return [message.arbitration_id for _, message in self.sent]
 
 
@@ -151,7 +151,7 @@ class Ear:
         return [classes for _, classes in self.reports]
 
 
-def played(check: Callable[[Clock, Kernel, CanWire, Ear], Awaitable[None]]) -> None:
+def run_check(check: Callable[[Clock, Kernel, CanWire, Ear], Awaitable[None]]) -> None:
     """Run a check on an open wire in virtual time, then close the wire."""
 
     async def main() -> None:

@@ -1,4 +1,4 @@
-"""Every wire in memory passes the suite of its contract, in virtual time."""
+"""Every wire in memory passes the suite of its interface, in virtual time."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -111,7 +111,7 @@ CASES = (
     StreamCase("delayed", _around(lambda wire, clock: Delayed(wire, 0.020, clock))),
     StreamCase("tap", _around(lambda wire, clock: Tap(wire, lambda direction, data: None))),
     StreamCase("faultless", _around(lambda wire, clock: Faulty(wire, Faults()))),
-    # a listener stays when its client goes
+    # a listener stays open when its client leaves
     StreamCase("memory url", _memory_url, peer_end_right=None, volume=60_000),
     StreamCase("memory CAN", _memory_can, frames=True, peer_end=None, peer_end_right=None),
     StreamCase("memory CAN url", _memory_can_url, frames=True, peer_end=None, peer_end_right=None),

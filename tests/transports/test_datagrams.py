@@ -17,7 +17,7 @@ from protocol.datagram import Datagram, arrived_at, side_of
 
 
 class Log:
-    """Each datagram that arrives, with the time of its arrival and what its wire has stamped."""
+    """Arrived datagrams, with arrival time and time stamp of the wire."""
 
     def __init__(self, wire: Any, clock: Clock) -> None:
         self.items: list[tuple[float, bytes]] = []
@@ -40,7 +40,7 @@ async def _pair(clock: Clock, client: str = "", listener: str = "") -> tuple[Any
     return await connect_datagrams(listening.address + client, clock), listening.transport
 
 
-def test_a_datagram_is_its_bytes_with_a_time() -> None:
+def test_datagram_is_bytes_with_time() -> None:
     datagram = Datagram(b"abc", 1.5)
     assert datagram == b"abc"
     assert hash(datagram) == hash(b"abc")
@@ -49,60 +49,60 @@ def test_a_datagram_is_its_bytes_with_a_time() -> None:
     assert arrived_at(b"abc", 2.0) == 2.0
 
 
-def test_the_delays_of_both_paths_add_up_exactly() -> None:
+def test_datagram_delays_of_both_paths_add_up() -> None:
     async def main() -> None:
         clock = Clock.running()
         left, right = await _pair(clock, "?latency_ms=2", "?latency_ms=0.5")
-        here, there = Log(left, clock), Log(right, clock)
+        near_log, far_log = Log(left, clock), Log(right, clock)
         start = clock.now()
         left.send([b"a", b"b"])
         await pass_time(0.1)
         right.send([b"c"])
         await pass_time(0.1)
-        assert there.items == [(start + 0.002 + 0.0005, b"a"), (start + 0.002 + 0.0005, b"b")]
-        assert here.items == [(start + 0.1 + 0.0005 + 0.002, b"c")]
-        assert there.stamps == [at for at, _ in there.items]
+        assert far_log.items == [(start + 0.002 + 0.0005, b"a"), (start + 0.002 + 0.0005, b"b")]
+        assert near_log.items == [(start + 0.1 + 0.0005 + 0.002, b"c")]
+        assert far_log.stamps == [at for at, _ in far_log.items]
 
     run_virtual(main)
 
 
-def test_jitter_lies_in_its_bounds_and_keeps_the_order() -> None:
+def test_datagram_jitter_is_bounded_and_keeps_order() -> None:
     async def main() -> None:
         clock = Clock.running()
         left, right = await _pair(clock, "?latency_ms=2&jitter_ms=5&seed=1")
-        there, sent = Log(right, clock), []
+        far_log, sent = Log(right, clock), []
         for k in range(200):
             sent.append(clock.now())
             left.send([b"%d" % k])
             await pass_time(0.001)
         await pass_time(0.1)
-        assert there.datagrams == [b"%d" % k for k in range(200)]
-        took = [at - begun for (at, _), begun in zip(there.items, sent, strict=True)]
-        assert min(took) >= 0.002
-        assert 0.006 < max(took) <= 0.007 + 1e-9
+        assert far_log.datagrams == [b"%d" % k for k in range(200)]
+        delays = [at - begun for (at, _), begun in zip(far_log.items, sent, strict=True)]
+        assert min(delays) >= 0.002
+        assert 0.006 < max(delays) <= 0.007 + 1e-9
 
     run_virtual(main)
 
 
 def _run(client: str, count: int = 2000) -> tuple[list[tuple[float, bytes]], Any]:
-    """Arrivals of numbered datagrams every 4 ms, and the counts of the sender."""
+    """Return the arrivals of numbered datagrams every 4 ms, and the counts of the sender."""
     result: list[Any] = []
 
     async def main() -> None:
         clock = Clock.running()
         left, right = await _pair(clock, client)
-        there = Log(right, clock)
+        far_log = Log(right, clock)
         for k in range(count):
             left.send([b"%d" % k])
             await pass_time(0.004)
         await pass_time(1.0)
-        result.extend((there.items, left.statistics))
+        result.extend((far_log.items, left.statistics))
 
     run_virtual(main)
     return result[0], result[1]
 
 
-def test_faults_come_at_their_rate_and_repeat_with_the_seed() -> None:
+def test_datagram_faults_are_reproducible_at_their_rates() -> None:
     faults = "?loss=0.1&duplicate=0.05&reorder=0.02&jitter_ms=1"
     items, counts = _run(faults + "&seed=7")
     assert (items, counts) == _run(faults + "&seed=7")
@@ -112,16 +112,16 @@ def test_faults_come_at_their_rate_and_repeat_with_the_seed() -> None:
     assert len(items) == counts.sent + counts.duplicated - counts.lost
 
 
-def test_one_fault_does_not_shift_the_draws_of_another() -> None:
+def test_datagram_faults_are_drawn_independently() -> None:
     def lost(options: str) -> set[bytes]:
-        heard = {datagram for _, datagram in _run(f"?loss=0.1&seed=7{options}", 500)[0]}
-        return {b"%d" % k for k in range(500)} - heard
+        received = {datagram for _, datagram in _run(f"?loss=0.1&seed=7{options}", 500)[0]}
+        return {b"%d" % k for k in range(500)} - received
 
     assert lost("") == lost("&duplicate=0.3&reorder=0.2&jitter_ms=3") != set()
 
 
-def test_the_directions_draw_their_own_numbers() -> None:
-    def heard(answers: int) -> list[bytes]:
+def test_datagram_directions_are_drawn_independently() -> None:
+    def datagrams_received(answers: int) -> list[bytes]:
         log: list[Log] = []
 
         async def main() -> None:
@@ -136,32 +136,32 @@ def test_the_directions_draw_their_own_numbers() -> None:
         run_virtual(main)
         return log[0].datagrams
 
-    assert heard(0) == heard(1) == heard(3)
+    assert datagrams_received(0) == datagrams_received(1) == datagrams_received(3)
 
 
-def test_a_reordered_datagram_comes_right_behind_the_next() -> None:
+def test_datagram_reordered_arrives_after_next() -> None:
     items, _ = _run("?reorder=0.1&seed=2", 400)
     numbers = [int(datagram) for _, datagram in items]
     assert sorted(numbers) == list(range(400))
-    moved = [k for k, number in enumerate(numbers) if number != k]
-    assert 30 < len(moved) < 120
-    assert all(abs(numbers[k] - k) == 1 for k in moved)
+    reordered = [k for k, number in enumerate(numbers) if number != k]
+    assert 30 < len(reordered) < 120
+    assert all(abs(numbers[k] - k) == 1 for k in reordered)
 
 
-def test_a_reordered_datagram_without_a_next_comes_in_the_end() -> None:
+def test_datagram_reordered_without_next_arrives_late() -> None:
     async def main() -> None:
         clock = Clock.running()
         left, right = await _pair(clock, "?reorder=1&latency_ms=1")
-        there, start = Log(right, clock), clock.now()
+        far_log, start = Log(right, clock), clock.now()
         left.send([b"alone"])
         await pass_time(1.0)
-        assert there.datagrams == [b"alone"]
-        assert there.items[0][0] == pytest.approx(start + HELD_S + 0.001, abs=1e-12)
+        assert far_log.datagrams == [b"alone"]
+        assert far_log.items[0][0] == pytest.approx(start + HELD_S + 0.001, abs=1e-12)
 
     run_virtual(main)
 
 
-def test_a_network_that_is_full_drops_and_counts() -> None:
+def test_datagram_full_network_drops_and_counts() -> None:
     async def main() -> None:
         clock = Clock.running()
         left, right = await _pair(clock, "?latency_ms=10")
@@ -170,14 +170,14 @@ def test_a_network_that_is_full_drops_and_counts() -> None:
         await pass_time(0.1)
         left.send([b"x"] * 3)
         await pass_time(0.1)
-        there = Log(right, clock)
-        assert len(there.items) == QUEUE_DATAGRAMS
+        far_log = Log(right, clock)
+        assert len(far_log.items) == QUEUE_DATAGRAMS
         assert right.statistics.overruns == 3
 
     run_virtual(main)
 
 
-def test_a_client_may_come_before_the_listener() -> None:
+def test_datagram_client_may_start_before_listener() -> None:
     notices: list[tuple[str, str]] = []
 
     async def main() -> None:
@@ -187,8 +187,10 @@ def test_a_client_may_come_before_the_listener() -> None:
             left.send([b"hello"])
             await pass_time(0.1)
         assert left.statistics.unreachable == 20
-        told = "udp+memory:robot: robot cannot be reached: no program listens there; start the other side"
-        assert notices == [("absent", told)] * 2  # at most one a second
+        notice_text = (
+            "udp+memory:robot: robot cannot be reached: no program listens there; start the other side"
+        )
+        assert notices == [("absent", notice_text)] * 2  # at most one a second
         listening = await listen_datagrams("udp+memory:robot", clock)
         there = Log(listening.transport, clock)
         left.send([b"hello"])
@@ -203,12 +205,12 @@ def test_a_client_may_come_before_the_listener() -> None:
 
 
 @pytest.mark.parametrize("strangers", ["follow", "refuse"])
-def test_answers_go_to_the_client_that_spoke_last(strangers: str) -> None:
+def test_datagram_answer_goes_to_newest_sender(strangers: str) -> None:
     async def main() -> None:
         clock = Clock.running()
         first, right = await _pair(clock, listener=f"?strangers={strangers}")
         second = await connect_datagrams("udp+memory:robot", clock)
-        one, two, there = Log(first, clock), Log(second, clock), Log(right, clock)
+        one, two, far_log = Log(first, clock), Log(second, clock), Log(right, clock)
         first.send([b"first"])
         await pass_time(0.1)
         second.send([b"second"])
@@ -217,83 +219,83 @@ def test_answers_go_to_the_client_that_spoke_last(strangers: str) -> None:
         await pass_time(0.1)
         refused = strangers == "refuse"
         assert (one.datagrams, two.datagrams) == (([b"answer"], []) if refused else ([], [b"answer"]))
-        assert there.datagrams == ([b"first"] if refused else [b"first", b"second"])
+        assert far_log.datagrams == ([b"first"] if refused else [b"first", b"second"])
         assert (right.statistics.strangers, right.statistics.refused) == (1, refused)
         await pass_time(IN_USE_S)
         second.send([b"again"])
         await pass_time(0.1)
-        assert there.datagrams[-1] == b"again"
+        assert far_log.datagrams[-1] == b"again"
         assert right.statistics.strangers == 1
 
     run_virtual(main)
 
 
-def test_an_answer_may_go_to_a_side_that_spoke_before() -> None:
-    """But to none that has not spoken, and a wire that connects speaks with its one side alone."""
+def test_datagram_answer_may_go_to_earlier_sender() -> None:
+    """It cannot go to a side that has not sent, and a connecting wire sends to its peer only."""
 
     async def main() -> None:
         clock = Clock.running()
         listening = await listen_datagrams("udp+memory:box", clock)
         clients = [await connect_datagrams(listening.address, clock) for _ in range(2)]
-        logs, there = [Log(client, clock) for client in clients], list[bytes]()
-        listening.transport.start(lambda data: there.extend(data), lambda error: None)
+        logs, messages = [Log(client, clock) for client in clients], list[bytes]()
+        listening.transport.start(lambda data: messages.extend(data), lambda error: None)
         for client in clients:
             client.send([b"hello"])
             await pass_time(0.1)
-        first, second = (side_of(datagram) for datagram in there)
+        first, second = (side_of(datagram) for datagram in messages)
         assert first != second
-        told = [
+        notices = [
             Datagram(b"to the first", side=first),
             Datagram(b"to an unknown side", side="box#99"),
             b"to the last",
         ]
-        listening.transport.send(told)
+        listening.transport.send(notices)
         clients[0].send([Datagram(b"back", side=second)])
         await pass_time(0.1)
         assert [log.datagrams for log in logs] == [[b"to the first"], [b"to an unknown side", b"to the last"]]
-        assert there[-1] == b"back"
+        assert messages[-1] == b"back"
         for wire in (*clients, listening.transport):
             await wire.aclose()
 
     run_virtual(main)
 
 
-def test_a_wire_remembers_so_many_sides() -> None:
+def test_datagram_wire_limits_known_senders() -> None:
     peer: Peer[int] = Peer()
     for side in range(KNOWN_SIDES + 1):
         assert peer.takes(side, 0.0)
     assert [peer.target(side) for side in (0, 1, None)] == [KNOWN_SIDES, 1, KNOWN_SIDES]
 
 
-def test_a_fixed_peer_stays_the_one_that_is_heard() -> None:
+def test_datagram_fixed_peer_does_not_change() -> None:
     peer = Peer("device")
     assert peer.takes("device", 0.0)
     assert not peer.takes("other", 1000.0)
     assert (peer.address, peer.strangers, peer.refused) == ("device", 1, 1)
 
 
-def test_a_kind_of_notice_is_told_once_a_second() -> None:
+def test_datagram_notices_are_rate_limited() -> None:
     times = iter((0.0, 0.5, 0.5, 1.0, 1.9, 2.0))
-    told: list[tuple[str, str]] = []
-    notices = Notices(lambda: next(times), lambda kind, text: told.append((kind, text)))
+    reported: list[tuple[str, str]] = []
+    notices = Notices(lambda: next(times), lambda kind, text: reported.append((kind, text)))
     for k, kind in enumerate("aabaaa"):
         notices.tell(kind, str(k))
-    assert told == [("a", "0"), ("b", "2"), ("a", "3"), ("a", "5")]
+    assert reported == [("a", "0"), ("b", "2"), ("a", "3"), ("a", "5")]
 
 
-def test_a_tap_shows_datagrams() -> None:
+def test_tap_reports_datagrams() -> None:
     async def main() -> None:
         clock = Clock.running()
         left, right = await _pair(clock)
-        seen: list[tuple[Direction, list[bytes]]] = []
-        tap: Any = Tap(left, lambda direction, data: seen.append((direction, list(data))))
+        traffic: list[tuple[Direction, list[bytes]]] = []
+        tap: Any = Tap(left, lambda direction, data: traffic.append((direction, list(data))))
         Log(tap, clock)
         Log(right, clock)
         tap.send([b"ask", b""])
         await pass_time(0.1)
         right.send([b"answer"])
         await pass_time(0.1)
-        assert seen == [(Direction.SENT, [b"ask", b""]), (Direction.RECEIVED, [b"answer"])]
+        assert traffic == [(Direction.SENT, [b"ask", b""]), (Direction.RECEIVED, [b"answer"])]
         await tap.aclose()
 
     run_virtual(main)
@@ -303,13 +305,13 @@ def test_a_tap_shows_datagrams() -> None:
 
 
 class Asker:
-    """Asks for numbers one after the other, again after 20 ms without an answer."""
+    """Endpoint that requests numbers one after the other, and again after 20 ms without an answer."""
 
     PATIENCE_S = 0.02
 
     def __init__(self) -> None:
         self.number = 0
-        self.asked = 0
+        self.requested = 0
         self._due: float | None = None
         self._events: deque[tuple[int, float]] = deque()
         self._ask = True
@@ -328,7 +330,7 @@ class Asker:
         if not self._ask:
             return ()
         self._ask, self._due = False, now + self.PATIENCE_S
-        self.asked += 1
+        self.requested += 1
         return [b"ask %d" % self.number]
 
     def next_deadline(self) -> float | None:
@@ -340,7 +342,7 @@ class Asker:
 
 
 class Answerer:
-    """Answers what it is asked."""
+    """Endpoint that answers requests."""
 
     def __init__(self) -> None:
         self._answers: list[bytes] = []
@@ -363,7 +365,7 @@ class Answerer:
 
 
 def _conversation(faults: str) -> tuple[list[tuple[int, float]], int, int]:
-    """Answers with their times, how often was asked, how many datagrams were lost; in one second."""
+    """Return the answers with their times, the number of requests and the number of lost datagrams, in one second."""
     answers: list[tuple[int, float]] = []
     ends: list[BaseException] = []
     asker = Asker()
@@ -385,20 +387,20 @@ def _conversation(faults: str) -> tuple[list[tuple[int, float]], int, int]:
 
     run_virtual(main)
     assert [type(end) for end in ends] == [TransportClosed, TransportClosed]
-    return answers, asker.asked, lost[0]
+    return answers, asker.requested, lost[0]
 
 
-def test_an_endpoint_speaks_over_a_perfect_network() -> None:
-    answers, asked, lost = _conversation("")
+def test_datagram_endpoint_works_on_perfect_network() -> None:
+    answers, requests, lost = _conversation("")
     assert [number for number, _ in answers] == list(range(500))
     assert [at for _, at in answers] == pytest.approx([0.002 * k for k in range(1, 501)], abs=1e-9)
-    assert (asked, lost) == (501, 0)
+    assert (requests, lost) == (501, 0)
 
 
-def test_an_endpoint_gets_over_lost_datagrams() -> None:
-    answers, asked, lost = _conversation("&loss=0.1&duplicate=0.1&reorder=0.05&seed=3")
+def test_datagram_endpoint_tolerates_losses() -> None:
+    answers, requests, lost = _conversation("&loss=0.1&duplicate=0.1&reorder=0.05&seed=3")
     assert [number for number, _ in answers] == list(range(len(answers)))
     assert 100 < len(answers) < 500
     assert lost > 10
-    assert asked > len(answers) + 1
-    assert (answers, asked, lost) == _conversation("&loss=0.1&duplicate=0.1&reorder=0.05&seed=3")
+    assert requests > len(answers) + 1
+    assert (answers, requests, lost) == _conversation("&loss=0.1&duplicate=0.1&reorder=0.05&seed=3")

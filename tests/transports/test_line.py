@@ -1,4 +1,4 @@
-"""Emulated lines whose ends differ, breaks, a plug that is pulled, a USB adapter: in virtual time, by URL and alone."""
+"""Emulated lines with different ends, breaks, a pulled plug and a USB adapter, in virtual time."""
 
 from asyncio import sleep as pass_time  # in virtual time, without waiting
 from itertools import pairwise
@@ -50,7 +50,7 @@ class Log:
 async def memory_line(
     clock: Clock, device: str, client: str
 ) -> tuple[Log, PacedLine, Log, Transport[bytes], list[str]]:
-    """Device and client of a memory wire: what each hears, the client's line, the device's wire, notices."""
+    """Return device and client of a memory wire: received data, the client's line, the device's wire, notices."""
     listening = await listen_bytes(f"memory:robot{device}", clock)
     notices: list[str] = []
     line = await connect_bytes(f"memory:robot{client}", clock, lambda kind, text: notices.append(text))
@@ -69,21 +69,21 @@ async def memory_line(
         ("?baudrate=9600&parity=E", "?baudrate=4800&parity=E"),
     ],
 )
-def test_a_bid_at_other_settings_does_not_reach_the_device(device: str, client: str) -> None:
+def test_line_bid_at_wrong_settings_is_not_received(device: str, client: str) -> None:
     async def main() -> None:
         clock = Clock.running()
-        here, line, there, wire, notices = await memory_line(clock, device, client)
+        near_log, line, far_log, wire, notices = await memory_line(clock, device, client)
         line.send(ENQ)
         await pass_time(0.5)
-        assert ENQ not in there.data
+        assert ENQ not in far_log.data
         wire.send(TEXT)
         await pass_time(0.5)
-        # a port at another parity alone takes some bytes as they were meant, but sees that they are damaged
+        # a port that differs only in parity reads some bytes correctly, but reports them as damaged
         assert line.line_errors != LineErrors()
         assert len(notices) == 1
         assert "check baudrate and parity" in notices[0]
         if "parity=E" in device and "parity=E" in client:
-            assert TEXT not in here.data
+            assert TEXT not in near_log.data
 
     run_virtual(main)
 
@@ -97,27 +97,27 @@ def test_a_bid_at_other_settings_does_not_reach_the_device(device: str, client: 
         ("?baudrate=9600&parity=E", "?baudrate=9600&parity=E&stopbits=2"),
     ],
 )
-def test_who_names_no_line_or_the_same_one_is_understood(device: str, client: str) -> None:
+def test_line_default_or_same_settings_are_received(device: str, client: str) -> None:
     async def main() -> None:
         clock = Clock.running()
-        here, line, there, wire, notices = await memory_line(clock, device, client)
+        near_log, line, far_log, wire, notices = await memory_line(clock, device, client)
         start = clock.now()
         line.send(bytes(range(200)))
         wire.send(bytes(range(200)))
         await pass_time(1)
-        assert here.data == there.data == bytes(range(200))
+        assert near_log.data == far_log.data == bytes(range(200))
         bits = 12 if "stopbits" in client else 11
-        assert there.items[-1][0] == start + 200 * bits / 9600
-        assert here.items[-1][0] == start + 200 * CHARACTER
+        assert far_log.items[-1][0] == start + 200 * bits / 9600
+        assert near_log.items[-1][0] == start + 200 * CHARACTER
         assert notices == []
 
     run_virtual(main)
 
 
-def test_the_ends_make_of_damaged_characters_what_they_are_set_to() -> None:
+def test_line_damaged_characters_are_read_as_configured() -> None:
     async def single(damaged: str) -> bytes:
         clock = Clock.running()
-        _, line, there, wire, _ = await memory_line(
+        _, line, far_log, wire, _ = await memory_line(
             clock, f"?baudrate=9600&parity=E{damaged}", "?baudrate=9600&parity=N"
         )
         line.send(ENQ)
@@ -125,7 +125,7 @@ def test_the_ends_make_of_damaged_characters_what_they_are_set_to() -> None:
         assert line.far_line_errors == LineErrors(parity=1)
         await line.aclose()
         await wire.aclose()
-        return there.data
+        return far_log.data
 
     async def check() -> None:
         assert await single("") == b""
@@ -136,16 +136,16 @@ def test_the_ends_make_of_damaged_characters_what_they_are_set_to() -> None:
     run_virtual(check)
 
 
-def test_a_computer_takes_the_bits_and_is_told_once_a_second() -> None:
+def test_line_damaged_characters_are_noted_once_per_second() -> None:
     async def main() -> None:
         clock = Clock.running()
-        here, line, _, wire, notices = await memory_line(
+        near_log, line, _, wire, notices = await memory_line(
             clock, "?baudrate=9600&parity=E", "?baudrate=9600&parity=N"
         )
         for _ in range(30):
             wire.send(ACK)
             await pass_time(0.1)
-        assert here.data == b"\x06\xff" * 30  # the low parity bit begins another character
+        assert near_log.data == b"\x06\xff" * 30  # the low parity bit begins another character
         assert line.line_errors == LineErrors(framing=30)
         assert notices == [
             f"memory:robot: {count} framing errors on a line set to 9600 8N1; check baudrate and parity"
@@ -155,7 +155,7 @@ def test_a_computer_takes_the_bits_and_is_told_once_a_second() -> None:
     run_virtual(main)
 
 
-def test_settings_that_change_hold_from_the_next_burst_on() -> None:
+def test_line_changed_settings_apply_to_next_burst() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
@@ -163,33 +163,33 @@ def test_settings_that_change_hold_from_the_next_burst_on() -> None:
         near = PacedLine(
             inner, Uart(lambda: E, Damaged.DROP), clock, far=Uart(lambda: settings, Damaged.DROP)
         )
-        here, there = Log(near, clock), Log(far_wire, clock)
+        near_log, far_log = Log(near, clock), Log(far_wire, clock)
         for settings, arrives in ((E, True), (N, False), (LineSettings(300, Parity.EVEN), False), (E, True)):
-            before = len(here.data), len(there.data)
+            before = len(near_log.data), len(far_log.data)
             far_wire.send(b"ACK")
             near.send(b"ACK")
             await pass_time(1)
-            assert (here.data[before[0] :] == b"ACK") is arrives
-            assert (there.data[before[1] :] == b"ACK") is arrives
+            assert (near_log.data[before[0] :] == b"ACK") is arrives
+            assert (far_log.data[before[1] :] == b"ACK") is arrives
             if settings.baudrate == 300:
-                # at 300 baud each bit of the other end is 32 of ours: nothing but breaks and single high bits
+                # at 300 baud each bit of the other end is 32 of ours: only breaks and single high bits
                 assert near.line_errors.breaks > 5
 
     run_virtual(main)
 
 
-def test_a_break_is_a_damaged_zero_and_takes_what_is_sent_meanwhile() -> None:
+def test_line_break_is_damaged_zero_and_loses_characters() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
         near = PacedLine(inner, Uart(lambda: E, Damaged.DROP), clock, far=Uart(lambda: E))
-        here, there = Log(near, clock), Log(far_wire, clock)
+        near_log, far_log = Log(near, clock), Log(far_wire, clock)
         start = clock.now()
         near.send_break(0.25)
         near.send_break(0.25, Direction.RECEIVED)
         await pass_time(0.1)
-        assert there.items == [(pytest.approx(start + CHARACTER, abs=1e-3), b"\x00")]
-        assert here.data == b""
+        assert far_log.items == [(pytest.approx(start + CHARACTER, abs=1e-3), b"\x00")]
+        assert near_log.data == b""
         assert near.line_errors == near.far_line_errors == LineErrors(breaks=1)
         near.send(b"unseen")
         far_wire.send(b"unseen")
@@ -197,37 +197,37 @@ def test_a_break_is_a_damaged_zero_and_takes_what_is_sent_meanwhile() -> None:
         near.send(b"seen")
         far_wire.send(b"seen")
         await pass_time(1)
-        assert there.data == b"\x00seen"
-        assert here.data == b"seen"
+        assert far_log.data == b"\x00seen"
+        assert near_log.data == b"seen"
         assert near.line_errors == near.far_line_errors == LineErrors(breaks=1)
 
     run_virtual(main)
 
 
-def test_a_break_within_a_burst_leaves_what_came_before_and_after() -> None:
+def test_line_break_within_burst_keeps_other_characters() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near, there = PacedLine(inner, E, clock), Log(far_wire, clock)
+        near, far_log = PacedLine(inner, E, clock), Log(far_wire, clock)
         start = clock.now()
         near.send(bytes(range(1, 101)))
         await clock.sleep_until(start + 20.4 * CHARACTER)
         near.send_break(30 * CHARACTER)
         await pass_time(1)
-        assert there.data[:20] == bytes(range(1, 21))
-        # an unbroken burst takes the receiver some characters to get into step with
-        assert there.data.endswith(bytes(range(80, 101)))
-        assert 60 <= len(there.data) <= 75
+        assert far_log.data[:20] == bytes(range(1, 21))
+        # the receiver needs some characters to synchronise with an uninterrupted burst
+        assert far_log.data.endswith(bytes(range(80, 101)))
+        assert 60 <= len(far_log.data) <= 75
         assert near.far_line_errors.breaks == 1
 
     run_virtual(main)
 
 
-def test_a_held_line_stays_low_until_it_is_released() -> None:
+def test_line_held_low_until_released() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near, there = PacedLine(inner, E, clock), Log(far_wire, clock)
+        near, far_log = PacedLine(inner, E, clock), Log(far_wire, clock)
         near.hold(True)
         near.send(b"unseen")
         await pass_time(3)
@@ -235,23 +235,23 @@ def test_a_held_line_stays_low_until_it_is_released() -> None:
         await pass_time(1)
         near.send(b"seen")
         await pass_time(1)
-        assert there.data == b"\x00seen"
+        assert far_log.data == b"\x00seen"
 
     run_virtual(main)
 
 
-def test_the_end_comes_after_the_last_character_of_a_slow_receiver() -> None:
+def test_line_end_arrives_after_last_character() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
         near = PacedLine(inner, LineSettings(4800), clock, far=Uart(lambda: N))
-        here = Log(near, clock)
+        near_log = Log(near, clock)
         far_wire.send(bytes(20))
         await far_wire.aclose()
         await pass_time(1)
         # of a zero and its stop bit the fifth sample is high, and a slow character is two of theirs
-        assert here.data == b"\x08" * 10
-        assert here.end is not None
+        assert near_log.data == b"\x08" * 10
+        assert near_log.end is not None
 
     run_virtual(main)
 
@@ -260,7 +260,7 @@ def test_the_end_comes_after_the_last_character_of_a_slow_receiver() -> None:
 
 
 def adapter(clock: Clock, latency_s: float, far: bool = False) -> tuple[Transport[bytes], Transport[bytes]]:
-    """Computer and device of an adapter, with the model at the computer's or at the device's end of a wire."""
+    """Return computer and device of an adapter, with the model at the computer's or the device's end of a wire."""
     left, right = memory_pair(clock)
     profile = UsbAdapterProfile(latency_s=latency_s)
     if far:
@@ -270,9 +270,7 @@ def adapter(clock: Clock, latency_s: float, far: bool = False) -> tuple[Transpor
 
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize(("latency_s", "arrives_s"), [(0.016, 0.017), (0.001, 0.006), (0.002, 0.007)])
-def test_a_single_byte_waits_for_the_latency_timer_and_a_frame(
-    far: bool, latency_s: float, arrives_s: float
-) -> None:
+def test_usb_single_byte_waits_for_timer_and_frame(far: bool, latency_s: float, arrives_s: float) -> None:
     async def main() -> None:
         clock = Clock.running()
         computer, device = adapter(clock, latency_s, far)
@@ -287,7 +285,7 @@ def test_a_single_byte_waits_for_the_latency_timer_and_a_frame(
 
 
 @pytest.mark.parametrize("far", [False, True])
-def test_full_packets_go_at_once_and_restart_the_timer(far: bool) -> None:
+def test_usb_full_packets_are_sent_at_once(far: bool) -> None:
     async def main() -> None:
         clock = Clock.running()
         computer, device = adapter(clock, 0.016, far)
@@ -306,7 +304,7 @@ def test_full_packets_go_at_once_and_restart_the_timer(far: bool) -> None:
 
 
 @pytest.mark.parametrize("far", [False, True])
-def test_what_the_computer_sends_waits_for_a_frame_alone(far: bool) -> None:
+def test_usb_sent_bytes_wait_for_frame_only(far: bool) -> None:
     async def main() -> None:
         clock = Clock.running()
         computer, device = adapter(clock, 0.016, far)
@@ -323,7 +321,7 @@ def test_what_the_computer_sends_waits_for_a_frame_alone(far: bool) -> None:
     run_virtual(main)
 
 
-def test_an_adapter_bounds_what_is_under_way() -> None:
+def test_usb_adapter_limits_bytes_in_transit() -> None:
     async def main() -> None:
         clock = Clock.running()
         computer, _ = adapter(clock, 0.016)
@@ -336,25 +334,23 @@ def test_an_adapter_bounds_what_is_under_way() -> None:
 @pytest.mark.parametrize(
     ("latency_ms", "shortest", "longest"), [(16, 0.016, 0.016), (1, 2 * CHARACTER, 2 * CHARACTER + 0.003)]
 )
-def test_ask_and_answer_over_an_adapter_take_its_latency_timer(
-    latency_ms: int, shortest: float, longest: float
-) -> None:
+def test_usb_exchange_takes_latency_timer(latency_ms: int, shortest: float, longest: float) -> None:
     async def main() -> None:
         clock = Clock.running()
         listening = await listen_bytes("memory:robot?baudrate=9600&parity=E", clock)
         client = await connect_bytes(f"memory:robot?usb_latency_ms={latency_ms}", clock)
         listening.transport.start(lambda data: listening.transport.send(ACK), lambda error: None)
-        answered: list[float] = []
+        answer_times: list[float] = []
 
         def ask_again(data: bytes) -> None:
             assert data == ACK
-            answered.append(clock.now())
+            answer_times.append(clock.now())
             client.send(ENQ)
 
         client.start(ask_again, lambda error: None)
         client.send(ENQ)
         await pass_time(1)
-        rounds = [after - before for before, after in pairwise(answered)]
+        rounds = [after - before for before, after in pairwise(answer_times)]
         assert len(rounds) > 50
         assert shortest - 1e-9 <= min(rounds)
         assert max(rounds) <= longest + 1e-9

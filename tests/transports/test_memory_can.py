@@ -1,4 +1,4 @@
-"""The CAN bus in memory against the rules of the wire: times, arbitration, acknowledge, by URL, all exact."""
+"""The CAN bus in memory: exact times, arbitration, acknowledge, and URLs."""
 
 from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections.abc import Callable
@@ -38,7 +38,7 @@ from tests.transports.memory_bus import (
 # --- frames and arbitration
 
 
-def test_frames_take_their_bits_and_are_there_at_the_end_of_frame() -> None:
+def test_can_frame_arrives_after_its_bit_times() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock, 250_000)
         sender = bus.connect()
@@ -59,7 +59,7 @@ def test_frames_take_their_bits_and_are_there_at_the_end_of_frame() -> None:
     virtual(main)
 
 
-def test_the_frame_with_dominant_bits_wins_the_arbitration() -> None:
+def test_can_dominant_identifier_wins_arbitration() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         nodes = [bus.connect() for _ in range(5)]
@@ -80,7 +80,7 @@ def test_the_frame_with_dominant_bits_wins_the_arbitration() -> None:
     virtual(main)
 
 
-def test_the_same_identifier_at_once_is_counted_as_the_mistake_it_is() -> None:
+def test_can_same_identifier_at_once_counts_as_collision() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         one, other, log = bus.connect(), bus.connect(), Log(bus.connect(), clock)
@@ -94,7 +94,7 @@ def test_the_same_identifier_at_once_is_counted_as_the_mistake_it_is() -> None:
     virtual(main)
 
 
-def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
+def test_can_answering_node_joins_next_arbitration() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         talker, answerer = bus.connect(), bus.connect()
@@ -107,7 +107,7 @@ def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
     virtual(main)
 
 
-def test_a_node_joins_at_the_begin_of_a_frame_and_waits_after_it() -> None:
+def test_can_node_joins_at_start_of_frame_or_waits() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         first, second, late = (bus.connect() for _ in range(3))
@@ -128,7 +128,7 @@ def test_a_node_joins_at_the_begin_of_a_frame_and_waits_after_it() -> None:
     virtual(main)
 
 
-def test_a_frame_sent_in_the_intermission_waits_for_its_end() -> None:
+def test_can_frame_sent_in_intermission_waits_for_its_end() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender, log = bus.connect(), Log(bus.connect(), clock)
@@ -143,7 +143,7 @@ def test_a_frame_sent_in_the_intermission_waits_for_its_end() -> None:
 
 
 @pytest.mark.parametrize("after", [0, 1, 2])
-def test_a_node_that_comes_in_the_intermission_takes_part(after: int) -> None:
+def test_can_node_joining_in_intermission_arbitrates(after: int) -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         talker, other, log = bus.connect(), bus.connect(), Log(bus.connect(), clock)
@@ -161,7 +161,7 @@ def test_a_node_that_comes_in_the_intermission_takes_part(after: int) -> None:
     virtual(main)
 
 
-def test_who_leaves_in_the_intermission_does_not_begin_a_frame() -> None:
+def test_can_node_leaving_in_intermission_sends_nothing() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         talker, log = bus.connect(), Log(bus.connect(), clock)
@@ -176,7 +176,7 @@ def test_who_leaves_in_the_intermission_does_not_begin_a_frame() -> None:
     virtual(main)
 
 
-def test_a_disturbance_in_the_intermission_spoils_the_next_frame() -> None:
+def test_can_disturbance_in_intermission_spoils_next_frame() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         talker, log = bus.connect(), Log(bus.connect(), clock)
@@ -192,7 +192,7 @@ def test_a_disturbance_in_the_intermission_spoils_the_next_frame() -> None:
     virtual(main)
 
 
-def test_a_long_burst_does_not_drift() -> None:
+def test_can_long_burst_does_not_drift() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender, log = bus.connect(), Log(bus.connect(), clock)
@@ -204,7 +204,7 @@ def test_a_long_burst_does_not_drift() -> None:
     virtual(main)
 
 
-def test_the_queue_is_bounded_and_a_leaving_node_empties_it() -> None:
+def test_can_queue_is_bounded_and_emptied_on_leave() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock, 10_000)
         sender, log = bus.connect(), Log(bus.connect(), clock)
@@ -216,13 +216,13 @@ def test_the_queue_is_bounded_and_a_leaving_node_empties_it() -> None:
         assert clock.now() == start + 1.0
         await pass_time(1)
         assert len(log.items) == 10_000 // line_bits(CanFrame(1))
-        # a slow bus is no stuck one: nothing was given up before the close
+        # a slow bus is not stuck: no frame was abandoned before the close
         assert sender.statistics.dropped == 1024 - len(log.items)
 
     virtual(main)
 
 
-def test_an_error_report_cannot_be_sent() -> None:
+def test_can_error_report_cannot_be_sent() -> None:
     async def main(clock: Clock) -> None:
         with pytest.raises(ValueError, match="not a frame"):
             MemoryCanBus(clock).connect().send([CanFrame(0x040, bytes(8), error=True)])
@@ -230,7 +230,7 @@ def test_an_error_report_cannot_be_sent() -> None:
     virtual(main)
 
 
-def test_filters_choose_what_a_node_is_given() -> None:
+def test_can_filters_select_received_frames() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender, node = bus.connect(), bus.connect([CanFilter(0x600, 0x700), CanFilter(0x101)])
@@ -239,7 +239,7 @@ def test_filters_choose_what_a_node_is_given() -> None:
         await pass_time(1)
         assert [frame.identifier for frame in log.frames] == [0x101, 0x601, 0x6FF]
         assert node.statistics.received == 3
-        # a node that filters a frame acknowledges it all the same
+        # a node acknowledges a frame even if it filters it
         assert sender.statistics.sent == 5
 
     virtual(main)
@@ -248,7 +248,7 @@ def test_filters_choose_what_a_node_is_given() -> None:
 # --- no acknowledge
 
 
-def test_a_node_alone_becomes_error_passive_never_bus_off() -> None:
+def test_can_lone_node_becomes_error_passive_only() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         node = bus.connect()
@@ -264,13 +264,13 @@ def test_a_node_alone_becomes_error_passive_never_bus_off() -> None:
         assert log.states == [ErrorState.WARNING, ErrorState.PASSIVE, None]
         assert log.reports[1][1].counters == (128, 0)
         assert ErrorClass.NO_ACKNOWLEDGE in log.reports[1][1].classes
-        given_up, report = log.reports[2]
+        dropped, report = log.reports[2]
         assert report.classes == ErrorClass.TX_TIMEOUT
         cycle = attempt + BETWEEN + SUSPEND
-        assert start + PATIENCE <= given_up < start + PATIENCE + cycle * US
+        assert start + PATIENCE <= dropped < start + PATIENCE + cycle * US
         assert node.counters == ErrorCounters(128, 0)
         assert bus.errors == 16 + round(
-            (given_up - start - (16 * (attempt + BETWEEN) + SUSPEND) * US) / (cycle * US)
+            (dropped - start - (16 * (attempt + BETWEEN) + SUSPEND) * US) / (cycle * US)
         )
         assert (node.statistics.sent, node.statistics.dropped, node.statistics.bus_off) == (0, 1, 0)
         await node.aclose()
@@ -279,7 +279,7 @@ def test_a_node_alone_becomes_error_passive_never_bus_off() -> None:
     virtual(main)
 
 
-def test_a_lone_sender_costs_a_run_little() -> None:
+def test_can_lone_sender_costs_little_time() -> None:
     async def main(clock: Clock) -> None:
         calls = 0
         call_at = clock.call_at
@@ -300,7 +300,7 @@ def test_a_lone_sender_costs_a_run_little() -> None:
     virtual(main)
 
 
-def test_closing_a_lone_node_does_not_wait_for_an_acknowledge() -> None:
+def test_can_lone_node_closes_without_acknowledge() -> None:
     async def main(clock: Clock) -> None:
         node = MemoryCanBus(clock).connect()
         start = clock.now()
@@ -312,7 +312,7 @@ def test_closing_a_lone_node_does_not_wait_for_an_acknowledge() -> None:
 
 
 @pytest.mark.parametrize("after", [0.0, 0.0001, 0.05])
-def test_who_joins_a_lone_sender_acknowledges_its_next_attempt(after: float) -> None:
+def test_can_joining_node_acknowledges_lone_sender(after: float) -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender, frame = bus.connect(), CanFrame(0x123)
@@ -335,7 +335,7 @@ def test_who_joins_a_lone_sender_acknowledges_its_next_attempt(after: float) -> 
     virtual(main)
 
 
-def test_old_frames_are_not_kept_for_later() -> None:
+def test_can_old_frames_are_dropped() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender = bus.connect()
@@ -351,18 +351,18 @@ def test_old_frames_are_not_kept_for_later() -> None:
     virtual(main)
 
 
-def test_who_never_wins_the_arbitration_gives_up() -> None:
+def test_can_node_that_never_wins_drops_frame() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         loud, quiet = bus.connect(), bus.connect()
-        log, told = Log(bus.connect(), clock), Log(quiet, clock)
+        log, arrivals = Log(bus.connect(), clock), Log(quiet, clock)
         quiet.send([CanFrame(0x700)])
         for _ in range(2):
             loud.send([CanFrame(0x100, bytes(8))] * 850)
             await pass_time(0.1)
         await pass_time(1)
         assert CanFrame(0x700) not in log.frames
-        assert [report.classes for _, report in told.reports] == [ErrorClass.TX_TIMEOUT]
+        assert [report.classes for _, report in arrivals.reports] == [ErrorClass.TX_TIMEOUT]
 
     virtual(main)
 
@@ -370,7 +370,7 @@ def test_who_never_wins_the_arbitration_gives_up() -> None:
 # --- by URL
 
 
-def test_nodes_of_a_bus_must_agree_on_the_bitrate() -> None:
+def test_can_nodes_must_have_same_bit_rate() -> None:
     async def main(clock: Clock) -> None:
         listening = await listen_can("can+memory:sensor?bitrate=500000", clock)
         with pytest.raises(ConfigError, match="bitrate=250000"):
@@ -382,13 +382,13 @@ def test_nodes_of_a_bus_must_agree_on_the_bitrate() -> None:
         assert log.times == [start + frame_time_bits(CanFrame(0x100)) / 500_000]
         await client.aclose()
         await listening.transport.aclose()
-        # the bus is gone with its last node
+        # the bus ends with its last node
         await (await connect_can("can+memory:sensor?bitrate=250000", clock)).aclose()
 
     virtual(main)
 
 
-def test_the_bus_behind_a_url_can_be_had() -> None:
+def test_can_bus_of_url_is_accessible() -> None:
     async def main(clock: Clock) -> None:
         with pytest.raises(ConfigError, match="this bus has no nodes"):
             memory_can_bus("sensor", clock)
@@ -406,16 +406,18 @@ def test_the_bus_behind_a_url_can_be_had() -> None:
 # --- behind an slcan adapter
 
 
-def test_frames_behind_an_slcan_adapter_take_their_time_on_its_bus() -> None:
-    """Both ways, one after the other, though the host's text comes and goes at once."""
+def test_slcan_frames_take_bit_times_of_bus() -> None:
+    """In both directions, one after the other, although the host's text is transmitted at once."""
 
     async def main(clock: Clock) -> None:
         rate = 250_000
         here, there = memory_pair(clock)
         device = SlcanDevice(there, SlcanAdapter(SlcanProfile(bus_bit_rate=rate)), clock)
-        heard, host = Log(device, clock), SlcanWire(here, rate, clock)
-        told: list[tuple[float, CanFrame]] = []
-        host.start(lambda frames: told.extend((clock.now(), frame) for frame in frames), lambda error: None)
+        received, host = Log(device, clock), SlcanWire(here, rate, clock)
+        arrivals: list[tuple[float, CanFrame]] = []
+        host.start(
+            lambda frames: arrivals.extend((clock.now(), frame) for frame in frames), lambda error: None
+        )
         await pass_time(0.1)
         frames = [CanFrame(0x200 + k, bytes(8)) for k in range(3)]
         start = clock.now()
@@ -423,16 +425,16 @@ def test_frames_behind_an_slcan_adapter_take_their_time_on_its_bus() -> None:
         await pass_time(0.1)
         bits = [frame_time_bits(frame) for frame in frames]
         ends = [sum(bits[: k + 1]) + k * BETWEEN for k in range(3)]
-        assert [frame for _, frame in told] == frames
-        assert [at for at, _ in told] == pytest.approx([start + end / rate for end in ends], abs=1e-9)
+        assert [frame for _, frame in arrivals] == frames
+        assert [at for at, _ in arrivals] == pytest.approx([start + end / rate for end in ends], abs=1e-9)
         start = clock.now()
         host.send(frames)
         await pass_time(0.1)
-        assert heard.frames == frames
-        assert heard.times == pytest.approx([start + end / rate for end in ends], abs=1e-9)
-        device.send(frames * 400)  # more than there is room for: lost, and the wire continues
-        assert (device.lost, heard.end) == (1200, None)
+        assert received.frames == frames
+        assert received.times == pytest.approx([start + end / rate for end in ends], abs=1e-9)
+        device.send(frames * 400)  # frames beyond the capacity are lost, and the wire continues
+        assert (device.lost, received.end) == (1200, None)
         await device.aclose()
-        assert isinstance(heard.end, TransportClosed)
+        assert isinstance(received.end, TransportClosed)
 
     virtual(main)

@@ -1,4 +1,4 @@
-"""The CAN bus in memory when frames are disturbed, and when nodes come and go: all exact."""
+"""The CAN bus in memory with disturbed frames and with nodes that join and leave."""
 
 from asyncio import sleep as pass_time  # in virtual time, without waiting
 from typing import Any
@@ -15,7 +15,7 @@ from tests.transports.memory_bus import BETWEEN, ERROR_FRAME, SUSPEND, US, Hits,
 # --- disturbed frames
 
 
-def test_a_disturbed_frame_is_sent_again_after_an_error_frame() -> None:
+def test_can_corrupted_frame_is_retransmitted() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         bus.disturb = Hits(20)
@@ -34,7 +34,7 @@ def test_a_disturbed_frame_is_sent_again_after_an_error_frame() -> None:
     virtual(main)
 
 
-def test_an_error_in_the_last_bit_doubles_the_frame() -> None:
+def test_can_error_in_last_bit_duplicates_frame() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         bus.disturb = Hits(-1)
@@ -49,7 +49,7 @@ def test_an_error_in_the_last_bit_doubles_the_frame() -> None:
     virtual(main)
 
 
-def test_a_node_with_all_frames_disturbed_goes_bus_off_and_returns() -> None:
+def test_can_disturbed_node_goes_bus_off_and_recovers() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         bus.disturb = Hits(*[20] * 32)
@@ -64,14 +64,14 @@ def test_a_node_with_all_frames_disturbed_goes_bus_off_and_returns() -> None:
             ErrorState.ACTIVE,
         ]
         attempt = 20 + ERROR_FRAME
-        # 32 × 8 = 256; the pause of a passive node comes after each of the last attempts but one
-        off = start + (32 * attempt + 31 * BETWEEN + 16 * SUSPEND) / 1_000_000
-        assert own.reports[2][0] == pytest.approx(off, abs=1e-10)
+        # 32 × 8 = 256; a passive node pauses after each of its last attempts except one
+        bus_off_at = start + (32 * attempt + 31 * BETWEEN + 16 * SUSPEND) / 1_000_000
+        assert own.reports[2][0] == pytest.approx(bus_off_at, abs=1e-10)
         # 128 times eleven recessive bits: the first are the end of the error frame and the intermission
-        back = off + (BETWEEN + 127 * 11) * US
-        assert own.reports[3][0] == pytest.approx(back, abs=1e-10)
+        recovered_at = bus_off_at + (BETWEEN + 127 * 11) * US
+        assert own.reports[3][0] == pytest.approx(recovered_at, abs=1e-10)
         assert own.reports[3][1].classes == ErrorClass.RESTARTED
-        assert log.times == [pytest.approx(back + frame_time_bits(CanFrame(0x123)) * US, abs=1e-10)]
+        assert log.times == [pytest.approx(recovered_at + frame_time_bits(CanFrame(0x123)) * US, abs=1e-10)]
         assert receiver.counters.receive == 31
         assert sender.statistics.bus_off == 1
         assert sender.counters == ErrorCounters()
@@ -79,30 +79,30 @@ def test_a_node_with_all_frames_disturbed_goes_bus_off_and_returns() -> None:
     virtual(main)
 
 
-def test_a_bus_off_node_hears_nothing_and_traffic_brings_it_back() -> None:
+def test_can_bus_off_node_receives_nothing_and_recovers() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sick = bus.connect()
         other = bus.connect()
-        heard, reports = Log(sick, clock), Log(other, clock)
+        received, reports = Log(sick, clock), Log(other, clock)
         bus.disturb = Hits(*[20] * 32)
         sick.send([CanFrame(0x7FF)])
         await pass_time(32 * 34e-6 + 31 * 3e-6 + 16 * 8e-6 + 1e-6)
         assert sick.counters.state is ErrorState.BUS_OFF
         other.send([CanFrame(0x100, bytes(8))] * 4)
         await pass_time(0.0008)
-        assert heard.frames == []
+        assert received.frames == []
         assert other.statistics.sent == 0
         assert other.counters.transmit > 0
         await pass_time(1)
-        assert heard.states[-1] is ErrorState.ACTIVE
-        assert heard.frames == [CanFrame(0x100, bytes(8))] * 4
+        assert received.states[-1] is ErrorState.ACTIVE
+        assert received.frames == [CanFrame(0x100, bytes(8))] * 4
         assert reports.frames == [CanFrame(0x7FF)]
 
     virtual(main)
 
 
-def test_a_passive_sender_lets_another_go_first() -> None:
+def test_can_error_passive_sender_yields_to_others() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         bus.disturb = Hits(*[20] * 16)
@@ -117,7 +117,7 @@ def test_a_passive_sender_lets_another_go_first() -> None:
     virtual(main)
 
 
-def test_receivers_count_too() -> None:
+def test_can_receivers_count_errors() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         bus.disturb = lambda frame, bits: 20 if frame.data else None
@@ -137,7 +137,7 @@ def test_receivers_count_too() -> None:
     virtual(main)
 
 
-def test_random_bit_errors_repeat_with_the_seed_and_lose_nothing() -> None:
+def test_can_bit_errors_are_reproducible_without_loss() -> None:
     async def main(clock: Clock) -> None:
         runs = []
         for seed in (1, 1, 2):
@@ -157,7 +157,7 @@ def test_random_bit_errors_repeat_with_the_seed_and_lose_nothing() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, 1.0, -1.0])
-def test_a_bit_error_rate_is_a_probability(rate: float) -> None:
+def test_can_invalid_bit_error_rate_is_refused(rate: float) -> None:
     with pytest.raises(ValueError, match="between 0 and 1"):
         BitErrors(rate)
 
@@ -165,7 +165,7 @@ def test_a_bit_error_rate_is_a_probability(rate: float) -> None:
 # --- nodes that come and go
 
 
-def test_a_sender_that_leaves_in_the_middle_of_a_frame_loses_it() -> None:
+def test_can_sender_leaving_during_frame_loses_it() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender, other = bus.connect(), bus.connect()
@@ -184,7 +184,7 @@ def test_a_sender_that_leaves_in_the_middle_of_a_frame_loses_it() -> None:
     virtual(main)
 
 
-def test_a_lone_repeater_that_is_switched_off_frees_the_bus() -> None:
+def test_can_lone_sender_frees_bus_when_switched_off() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         lone = bus.connect()
@@ -200,20 +200,20 @@ def test_a_lone_repeater_that_is_switched_off_frees_the_bus() -> None:
     virtual(main)
 
 
-def test_who_comes_in_the_middle_of_a_frame_does_not_get_it() -> None:
+def test_can_node_joining_during_frame_does_not_receive_it() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
-        sender, there = bus.connect(), Log(bus.connect(), clock)
+        sender, node_log = bus.connect(), Log(bus.connect(), clock)
         sender.send([CanFrame(0x123), CanFrame(0x124)])
         await pass_time(2e-5)
         late = Log(bus.connect(), clock)
         await pass_time(1)
-        assert [len(there.items), len(late.items)] == [2, 1]
+        assert [len(node_log.items), len(late.items)] == [2, 1]
 
     virtual(main)
 
 
-def test_an_error_of_a_listener_does_not_stop_the_bus() -> None:
+def test_can_exception_of_listener_does_not_stop_bus() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sender, bad = bus.connect(), bus.connect()

@@ -1,4 +1,4 @@
-"""The pump: data, events and deadlines between an endpoint and a wire, and no error lost."""
+"""The pump: data, events, deadlines and errors between an endpoint and a wire."""
 
 import asyncio
 from asyncio import sleep as pass_time  # in virtual time, without waiting
@@ -15,7 +15,7 @@ from hil_bridge.transports.pump import Pump
 
 
 class Echo:
-    """Endpoint that answers every byte string reversed, counts, and ticks as often as it is told to."""
+    """Endpoint that returns every byte string reversed, counts, and ticks as often as requested."""
 
     def __init__(self) -> None:
         self.events: deque[tuple[str, object]] = deque()
@@ -55,13 +55,13 @@ class Echo:
 
 
 class Rig:
-    """A pumped endpoint at one end, the other end in the test's hand."""
+    """Pumped endpoint at one end; the test controls the other end."""
 
     def __init__(self) -> None:
         self.clock = Clock.running()
         inner, self.far = memory_pair(self.clock)
         self.near = Faulty(inner, Faults())
-        self.heard: list[bytes] = []
+        self.received: list[bytes] = []
         self.events: list[tuple[str, object]] = []
         self.causes: list[BaseException] = []
         self.endpoint = Echo()
@@ -71,7 +71,7 @@ class Rig:
         self.events.append(event)
         match event:
             case ("data", b"kick"):
-                # as a device does: give the endpoint something to do and kick, from within the callback
+                # as a device does: pass work to the endpoint and kick from within the callback
                 self.endpoint.out.append(b"kicked")
                 self.pump.kick()
                 self.events.append(("kick returned", None))
@@ -79,11 +79,11 @@ class Rig:
                 raise KeyError("on_event")
 
     def start(self) -> None:
-        self.far.start(self.heard.append, lambda error: None)
+        self.far.start(self.received.append, lambda error: None)
         self.pump.start()
 
 
-def test_data_goes_in_events_come_out_answers_go_back() -> None:
+def test_pump_moves_data_events_and_answers() -> None:
     async def main() -> None:
         rig = Rig()
         rig.far.send(b"early")
@@ -91,7 +91,7 @@ def test_data_goes_in_events_come_out_answers_go_back() -> None:
         rig.start()
         rig.far.send(b"abc")
         await pass_time(0.1)
-        assert rig.heard == [b"ylrae", b"cba"]
+        assert rig.received == [b"ylrae", b"cba"]
         assert rig.events == [("data", b"early"), ("sent", b"ylrae"), ("data", b"abc"), ("sent", b"cba")]
         assert rig.endpoint.times == sorted(rig.endpoint.times)
         assert rig.causes == []
@@ -99,20 +99,20 @@ def test_data_goes_in_events_come_out_answers_go_back() -> None:
     run_virtual(main)
 
 
-def test_a_kick_from_within_an_event_is_served_in_the_same_turn() -> None:
+def test_pump_kick_within_event_is_processed_in_same_turn() -> None:
     async def main() -> None:
         rig = Rig()
         rig.start()
         rig.far.send(b"kick")
         await pass_time(0.1)
-        assert rig.heard == [b"kcik", b"kicked"]
-        # no event is told while another is being told
+        assert rig.received == [b"kcik", b"kicked"]
+        # events are not nested
         assert [name for name, _ in rig.events] == ["data", "kick returned", "sent", "sent"]
 
     run_virtual(main)
 
 
-def test_deadlines_come_at_their_exact_time_and_follow_changes() -> None:
+def test_pump_deadlines_are_exact_and_follow_changes() -> None:
     async def main() -> None:
         rig = Rig()
         start = rig.clock.now()
@@ -130,8 +130,8 @@ def test_deadlines_come_at_their_exact_time_and_follow_changes() -> None:
     run_virtual(main)
 
 
-def test_deadline_after_stall_waits_for_what_came_during_it() -> None:
-    """The process stands still for 80 ms, in which a device of the same process should have sent its data."""
+def test_pump_deadline_after_stall_waits_for_pending_data() -> None:
+    """The process stalls for 80 ms, in which a device of the same process should have sent its data."""
 
     async def main() -> None:
         rig, loop = Rig(), cast(Any, asyncio.get_running_loop())
@@ -156,7 +156,7 @@ def test_deadline_after_stall_waits_for_what_came_during_it() -> None:
     run_virtual(main)
 
 
-def test_a_deadline_that_has_passed_is_served_and_none_is_not() -> None:
+def test_pump_past_deadline_is_handled_at_once() -> None:
     async def main() -> None:
         rig = Rig()
         rig.start()
@@ -177,7 +177,7 @@ def test_a_deadline_that_has_passed_is_served_and_none_is_not() -> None:
 @pytest.mark.parametrize(
     ("data", "cause"), [(b"fail", RuntimeError("receive")), (b"raise", KeyError("on_event"))]
 )
-def test_what_endpoint_or_callback_raise_ends_the_pump_with_it(data: bytes, cause: Exception) -> None:
+def test_pump_exception_of_endpoint_or_callback_ends_it(data: bytes, cause: Exception) -> None:
     async def main() -> None:
         rig = Rig()
         rig.endpoint.deadline = rig.clock.now() + 5
@@ -194,7 +194,7 @@ def test_what_endpoint_or_callback_raise_ends_the_pump_with_it(data: bytes, caus
     run_virtual(main)
 
 
-def test_what_a_deadline_raises_ends_the_pump_with_it() -> None:
+def test_pump_exception_of_deadline_ends_it() -> None:
     async def main() -> None:
         rig = Rig()
         rig.endpoint.deadline, rig.endpoint.period = rig.clock.now() + 1, 0.125
@@ -206,7 +206,7 @@ def test_what_a_deadline_raises_ends_the_pump_with_it() -> None:
     run_virtual(main)
 
 
-def test_the_ends_of_the_wire_end_the_pump() -> None:
+def test_pump_ends_with_wire() -> None:
     async def main() -> None:
         rig = Rig()
         rig.start()
@@ -229,7 +229,7 @@ def test_the_ends_of_the_wire_end_the_pump() -> None:
     run_virtual(main)
 
 
-def test_a_wire_that_refuses_data_ends_the_pump() -> None:
+def test_pump_ends_if_wire_refuses_data() -> None:
     async def main() -> None:
         rig = Rig()
         rig.start()

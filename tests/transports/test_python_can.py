@@ -1,4 +1,4 @@
-"""CAN interfaces through python-can: what is read, and what is sent to a kernel that is full, at exact times."""
+"""CAN interfaces through python-can: reading, and sending to a full kernel queue, at exact times."""
 
 import errno
 import sys
@@ -16,12 +16,12 @@ from hil_bridge.transports.can.socketcan import interface_up
 from hil_bridge.transports.can.wire import MOST_PER_WAKE_UP, RETRY_S, CanWire
 from protocol.can.error import ErrorClass
 from protocol.can.frame import CanFilter, CanFrame
-from tests.transports.socketcan_kernel import PATIENCE, Ear, Kernel, frames, played
+from tests.transports.socketcan_kernel import PATIENCE, Ear, Kernel, frames, run_check
 
 # --- reading
 
 
-def test_all_that_is_pending_comes_in_one_batch() -> None:
+def test_can_wire_delivers_pending_frames_in_one_batch() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.arrive(*frames(5))
         await pass_time(0)
@@ -30,19 +30,19 @@ def test_all_that_is_pending_comes_in_one_batch() -> None:
         assert ear.batches == [5]
         assert wire.statistics == CanStatistics(received=5)
 
-    played(check)
+    run_check(check)
 
 
-def test_a_flood_leaves_turns_to_others() -> None:
+def test_can_wire_flood_does_not_block_loop() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.arrive(*[CanFrame(0x100)] * (3 * MOST_PER_WAKE_UP + 1))
         await pass_time(0.1)
         assert ear.batches == [MOST_PER_WAKE_UP] * 3 + [1]
 
-    played(check)
+    run_check(check)
 
 
-def test_what_is_no_classical_frame_is_counted() -> None:
+def test_can_wire_counts_malformed_frames() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.pending.append(can.Message(arbitration_id=0x100, is_fd=True, data=bytes(12)))
         kernel.pending.append(can.Message(arbitration_id=0x800, is_extended_id=False, check=False))
@@ -52,7 +52,7 @@ def test_what_is_no_classical_frame_is_counted() -> None:
         assert ear.reports == []
         assert wire.statistics == CanStatistics(received=1, malformed=3)
 
-    played(check)
+    run_check(check)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_what_is_no_classical_frame_is_counted() -> None:
         CanFrame(0),
     ],
 )
-def test_frames_survive_python_can(frame: CanFrame) -> None:
+def test_can_frames_convert_to_python_can_and_back(frame: CanFrame) -> None:
     message = to_message(frame)
     assert message.dlc == len(frame.data)
     assert from_message(message, 1.0) == frame
@@ -73,7 +73,7 @@ def test_frames_survive_python_can(frame: CanFrame) -> None:
 # --- sending
 
 
-def test_frames_without_room_in_the_interface_leave_in_order() -> None:
+def test_can_wire_queues_frames_in_order() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room, start = 2, clock.now()
         wire.send(frames(3))
@@ -89,10 +89,10 @@ def test_frames_without_room_in_the_interface_leave_in_order() -> None:
         assert wire.statistics == CanStatistics(sent=5)
         assert ear.reports == []
 
-    played(check)
+    run_check(check)
 
 
-def test_a_frame_that_does_not_leave_in_time_is_dropped_and_told() -> None:
+def test_can_wire_drops_and_reports_late_frame() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room, start = 0, clock.now()
         wire.send(frames(2))
@@ -106,10 +106,10 @@ def test_a_frame_that_does_not_leave_in_time_is_dropped_and_told() -> None:
         statistics = wire.statistics
         assert (statistics.sent, statistics.dropped, statistics.error_frames) == (1, 2, 1)
 
-    played(check)
+    run_check(check)
 
 
-def test_a_queue_that_moves_slowly_drops_nothing() -> None:
+def test_can_wire_slow_queue_drops_nothing() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room = 0
         wire.send(frames(10))
@@ -120,10 +120,10 @@ def test_a_queue_that_moves_slowly_drops_nothing() -> None:
         assert kernel.numbers == list(range(0x100, 0x10A))
         assert wire.statistics.dropped == 0
 
-    played(check)
+    run_check(check)
 
 
-def test_a_full_queue_refuses_the_whole_batch() -> None:
+def test_can_wire_full_queue_refuses_complete_batch() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room = 0
         wire.send([CanFrame(0x100)] * 1000)
@@ -134,10 +134,10 @@ def test_a_full_queue_refuses_the_whole_batch() -> None:
         await pass_time(0.01)
         assert kernel.numbers == [0x100] * 1000 + [0x102] * 24
 
-    played(check)
+    run_check(check)
 
 
-def test_closing_waits_for_what_can_still_leave() -> None:
+def test_can_wire_close_waits_for_pending_frames() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room = 0
         wire.send(frames(1))
@@ -147,10 +147,10 @@ def test_closing_waits_for_what_can_still_leave() -> None:
         with pytest.raises(TransportClosed):
             wire.send(frames(1))
 
-    played(check)
+    run_check(check)
 
 
-def test_any_other_error_breaks_the_wire() -> None:
+def test_can_wire_breaks_for_any_other_error() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down(errno.EBADF)
         await pass_time(0)
@@ -159,13 +159,13 @@ def test_any_other_error_breaks_the_wire() -> None:
         with pytest.raises(TransportBroken):
             wire.send(frames(1))
 
-    played(check)
+    run_check(check)
 
 
 # --- the real python-can
 
 
-async def test_filters_reach_python_can() -> None:
+async def test_can_filters_are_passed_to_python_can() -> None:
     with closing(Clock.running()) as clock:
         wire = await connect_can("can+virtual://filters", clock, accept=[CanFilter(0x601, 0x77F)])
         assert isinstance(wire, CanWire)
@@ -174,6 +174,6 @@ async def test_filters_reach_python_can() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
-def test_whether_an_interface_is_up() -> None:
+def test_can_interface_state_is_read() -> None:
     assert interface_up("lo") in (True, False)
     assert interface_up("nocan7") is None

@@ -1,4 +1,4 @@
-"""CAN interfaces through python-can that go and come, or are bus-off, at exact times."""
+"""CAN interfaces through python-can that go down and return, or are bus-off, at exact times."""
 
 import errno
 from asyncio import sleep as pass_time  # in virtual time, without waiting
@@ -12,12 +12,12 @@ from hil_bridge.transports.can.message import to_message
 from hil_bridge.transports.can.wire import LINK_PATIENCE_S, PROBE_S, CanWire
 from protocol.can.error import CanErrorReport, Controller, ErrorClass, encode_error
 from protocol.can.frame import CanFrame
-from tests.transports.socketcan_kernel import BUS_OFF, PATIENCE, RESTARTED, Ear, Kernel, frames, played
+from tests.transports.socketcan_kernel import BUS_OFF, PATIENCE, RESTARTED, Ear, Kernel, frames, run_check
 
 # --- an interface that goes and comes
 
 
-def test_an_interface_that_is_down_for_a_while_is_told_and_forgiven() -> None:
+def test_can_interface_down_for_a_while_is_tolerated() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         start = clock.now()
         kernel.arrive(CanFrame(0x600))
@@ -38,10 +38,10 @@ def test_an_interface_that_is_down_for_a_while_is_told_and_forgiven() -> None:
         assert start + 2.0 <= ear.reports[2][0] <= start + 2.0 + PROBE_S + 1e-9
         assert kernel.numbers == [0x200]
 
-    played(check)
+    run_check(check)
 
 
-def test_an_interface_found_down_calls_back_only_after_send() -> None:
+def test_can_interface_down_is_reported_after_send() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.up = False
         ear.within_send = True
@@ -59,10 +59,10 @@ def test_an_interface_found_down_calls_back_only_after_send() -> None:
         assert kernel.numbers == [0x100]
         assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.RESTARTED]
 
-    played(check)
+    run_check(check)
 
 
-def test_nothing_leaves_before_the_owner_knows_the_interface_is_back() -> None:
+def test_can_interface_sends_after_reporting_return() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down()
         await pass_time(PROBE_S / 2)
@@ -73,10 +73,10 @@ def test_nothing_leaves_before_the_owner_knows_the_interface_is_back() -> None:
         assert kernel.sent[0][0] == ear.reports[-1][0]
         assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.RESTARTED]
 
-    played(check)
+    run_check(check)
 
 
-def test_an_adapter_that_is_plugged_in_again_is_opened_again() -> None:
+def test_can_replugged_adapter_is_reopened() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down(errno.ENODEV)
         await pass_time(1.0)
@@ -93,10 +93,10 @@ def test_an_adapter_that_is_plugged_in_again_is_opened_again() -> None:
         assert again.numbers == [0x100]
         assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.RESTARTED]
 
-    played(check)
+    run_check(check)
 
 
-def test_an_interface_that_stays_down_breaks_the_wire_after_a_time() -> None:
+def test_can_interface_staying_down_breaks_wire() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         start = clock.now()
         kernel.go_down()
@@ -107,28 +107,28 @@ def test_an_interface_that_stays_down_breaks_the_wire_after_a_time() -> None:
         assert "the CAN interface is down; `sudo ip link set can0 up`" in str(ear.ends[0])
         assert ear.reports == [(start, ErrorClass.INTERFACE_DOWN)]
 
-    played(check)
+    run_check(check)
 
 
-def test_a_failing_reopening_is_tried_again() -> None:
+def test_can_failed_reopening_is_retried() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down(errno.ENODEV)
-        tries = 0
+        attempts = 0
 
         def renew(bus: can.BusABC) -> can.BusABC:
-            nonlocal tries
-            tries += 1
-            if tries < 3:
+            nonlocal attempts
+            attempts += 1
+            if attempts < 3:
                 raise OSError(errno.ENODEV, "not yet")
             return bus
 
         kernel.renew = renew  # type: ignore[method-assign]
         kernel.up = True
         await pass_time(4 * PROBE_S)
-        assert tries == 3
+        assert attempts == 3
         assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.RESTARTED]
 
-    played(check)
+    run_check(check)
 
 
 # --- bus-off
@@ -143,7 +143,7 @@ def test_a_failing_reopening_is_tried_again() -> None:
     ],
     ids=["restart-ms", "traffic", "error active"],
 )
-def test_bus_off_is_told_and_forgiven_when_the_controller_comes_back(news: CanFrame) -> None:
+def test_can_temporary_bus_off_is_tolerated(news: CanFrame) -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.arrive(BUS_OFF, BUS_OFF)
         await pass_time(1.0)
@@ -155,10 +155,10 @@ def test_bus_off_is_told_and_forgiven_when_the_controller_comes_back(news: CanFr
         assert statistics.bus_off == 2
         assert statistics.error_frames == 2 + news.error
 
-    played(check)
+    run_check(check)
 
 
-def test_bus_off_for_good_breaks_the_wire_and_says_what_to_do() -> None:
+def test_can_permanent_bus_off_breaks_wire_with_remedy() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.arrive(BUS_OFF)
         await pass_time(LINK_PATIENCE_S + PROBE_S)
@@ -166,10 +166,10 @@ def test_bus_off_for_good_breaks_the_wire_and_says_what_to_do() -> None:
         assert "bus-off" in str(ear.ends[0])
         assert "`sudo ip link set can0 type can restart`" in str(ear.ends[0])
 
-    played(check)
+    run_check(check)
 
 
-def test_a_bus_off_interface_that_is_set_down_and_up_is_forgiven() -> None:
+def test_can_bus_off_interface_restart_is_tolerated() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.arrive(BUS_OFF)
         await pass_time(1.0)
@@ -180,4 +180,4 @@ def test_a_bus_off_interface_that_is_set_down_and_up_is_forgiven() -> None:
         assert ear.ends == []
         assert ear.classes == [ErrorClass.BUS_OFF, ErrorClass.INTERFACE_DOWN, ErrorClass.RESTARTED]
 
-    played(check)
+    run_check(check)

@@ -1,4 +1,4 @@
-"""The suites for wires can be failed: each spoilt wire fails the test that asks for what it lacks."""
+"""The suites for wires detect errors: each faulty wire fails the corresponding test."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -18,7 +18,7 @@ from protocol.datagram import Datagram
 
 
 class Spoilt:
-    """A wire as it is; what inherits from it does one thing wrong."""
+    """Correct wire; each subclass has one error."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner
@@ -46,7 +46,7 @@ class Joins(Spoilt):
         return [Datagram(b"".join(data) * 2, data[0].received_at)]
 
 
-class TellsNoTime(Spoilt):
+class WithoutArrivalTimes(Spoilt):
     def changed(self, data: Any) -> Any:
         return [bytes(datagram) for datagram in data]
 
@@ -113,7 +113,7 @@ FAILURES = (AssertionError, TransportError, pytest.fail.Exception)
         (Joins, "test_boundaries_are_kept"),
         (CountsNoLoss, "test_loss_is_counted"),
         (DeliversWithinSend, "test_nothing_arrives_within_send"),
-        (TellsNoTime, "test_arrivals_have_a_time"),
+        (WithoutArrivalTimes, "test_arrivals_have_a_time"),
         (TakesAnySize, "test_a_datagram_that_is_too_large_is_refused"),
         (SendsUntilTooLarge, "test_a_datagram_that_is_too_large_is_refused"),
         (EndsTwice, "test_each_end_closes"),
@@ -124,7 +124,7 @@ FAILURES = (AssertionError, TransportError, pytest.fail.Exception)
         (EndsWithItsPeer, "test_the_right_end_goes"),
     ],
 )
-def test_a_spoilt_datagram_wire_fails(kind: type[Spoilt], test: str) -> None:
+def test_suite_detects_faulty_datagram_wire(kind: type[Spoilt], test: str) -> None:
     @asynccontextmanager
     async def open_ends(clock: Clock) -> AsyncIterator[Any]:
         listening = await listen_datagrams("udp+memory:robot", clock)
@@ -151,7 +151,7 @@ class Reverses(Spoilt):
         (NeverEnds, "test_right_own_close"),
     ],
 )
-def test_a_spoilt_stream_fails(kind: type[Spoilt], test: str) -> None:
+def test_suite_detects_faulty_stream(kind: type[Spoilt], test: str) -> None:
     @asynccontextmanager
     async def open_ends(clock: Clock) -> AsyncIterator[Any]:
         left, right = memory_pair(clock)
@@ -161,7 +161,7 @@ def test_a_spoilt_stream_fails(kind: type[Spoilt], test: str) -> None:
         getattr(suites.TestStreamWire(), test)(suites.StreamCase("spoilt", open_ends, virtual=True))
 
 
-def test_every_check_is_in_its_suite() -> None:
+def test_suite_contains_every_check() -> None:
     for module, suite, parts in (
         (streams, suites.TestStreamWire, {"check_own_close", "check_peer_closes"}),
         (datagrams, suites.TestDatagramWire, set()),
@@ -172,7 +172,7 @@ def test_every_check_is_in_its_suite() -> None:
         }
 
 
-def test_what_a_callback_raises_in_real_time_fails_the_test() -> None:
+def test_suite_fails_for_exception_in_callback() -> None:
     class Raises(Spoilt):
         def changed(self, data: Any) -> Any:
             assert data != b"early"

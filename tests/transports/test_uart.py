@@ -1,4 +1,4 @@
-"""The UART model: what a receiver with other settings than the sender's reads, worked out by hand where it can be."""
+"""The UART model: what a receiver reads with settings other than the sender's, computed by hand where possible."""
 
 import math
 
@@ -30,19 +30,19 @@ ENQ, ACK = 0x05, 0x06
 
 
 def begins(number: int, sender: LineSettings) -> float:
-    """When this character of an unbroken burst begins, s; rounded alike wherever it is asked for."""
+    """Return the start of this character of an uninterrupted burst, s, with the same rounding everywhere."""
     return number * sender.bits / sender.baudrate
 
 
 def read(data: bytes, sender: LineSettings, receiver: LineSettings) -> list[Character]:
-    """Characters read of an unbroken burst after which the line is idle."""
+    """Return the characters read from an uninterrupted burst, after which the line is idle."""
     ear = Receiver(receiver)
     for k, byte in enumerate(data):
         ear.character(byte, begins(k, sender), sender)
     return ear.listen(1000.0)
 
 
-def test_levels_are_start_data_from_the_lowest_bit_parity_stop() -> None:
+def test_uart_levels_follow_bit_order() -> None:
     assert levels(ENQ, N) == (0, 1, 0, 1, 0, 0, 0, 0, 0, 1)
     assert levels(ENQ, E) == (0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 1)  # two ones: the even parity bit is 0
     assert levels(0x10, E) == (0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1)
@@ -52,23 +52,21 @@ def test_levels_are_start_data_from_the_lowest_bit_parity_stop() -> None:
 
 @given(st.binary(max_size=20), LINES)
 @settings(max_examples=100, deadline=None)
-def test_equal_settings_give_every_byte(data: bytes, line: LineSettings) -> None:
+def test_uart_equal_settings_receive_every_byte(data: bytes, line: LineSettings) -> None:
     assert read(data, line, line) == [Character(byte) for byte in data]
 
 
 @given(st.binary(max_size=20), st.sampled_from(Parity), st.integers(-38, 38))
 @settings(max_examples=100, deadline=None)
-def test_a_rate_that_is_off_by_less_than_four_percent_is_read(
-    data: bytes, parity: Parity, per_mille: int
-) -> None:
-    off = LineSettings(9600 * (1000 + per_mille) // 1000, parity)
-    assert read(data, off, LineSettings(9600, parity)) == [Character(byte) for byte in data]
+def test_uart_tolerates_four_percent_rate_error(data: bytes, parity: Parity, per_mille: int) -> None:
+    sender = LineSettings(9600 * (1000 + per_mille) // 1000, parity)
+    assert read(data, sender, LineSettings(9600, parity)) == [Character(byte) for byte in data]
 
 
 @pytest.mark.parametrize(
     ("data", "sender", "receiver", "expected"),
     [
-        # the parity bit 0 is where 8N1 has its stop bit; taken for a start bit, it is followed by an idle line
+        # the parity bit 0 is where 8N1 has its stop bit; read as a start bit, it is followed by an idle line
         ([ACK], E, N, [Character(ACK, Flaw.FRAMING), Character(0xFF)]),
         # a parity bit 1 passes for a stop bit
         ([0x10], E, N, [Character(0x10)]),
@@ -86,11 +84,11 @@ def test_a_rate_that_is_off_by_less_than_four_percent_is_read(
         ([0x00], LineSettings(19_200), N, [Character(0b1111_1000)]),
         # half as fast: each bit is read twice, 0 0 1 1 0 0 1 1 0|0 begins another, 1 1 0 0 1 1 0 0 1
         ([0x55], LineSettings(4800), N, [Character(0b0110_0110, Flaw.FRAMING), Character(0b0011_0011)]),
-        # nothing but zeros for longer than a character
+        # only zeros for longer than a character
         ([0x00], LineSettings(4800), N, [Character(0, Flaw.BREAK)]),
     ],
 )
-def test_worked_out_by_hand(
+def test_uart_reads_examples_computed_by_hand(
     data: list[int], sender: LineSettings, receiver: LineSettings, expected: list[Character]
 ) -> None:
     assert read(bytes(data), sender, receiver) == expected
@@ -103,9 +101,7 @@ def test_worked_out_by_hand(
     + [(E, LineSettings(rate, Parity.EVEN)) for rate in (4800, 19_200)],
     ids=str,
 )
-def test_a_bid_and_its_answer_do_not_pass_between_other_settings(
-    sender: LineSettings, receiver: LineSettings
-) -> None:
+def test_uart_bid_fails_between_different_settings(sender: LineSettings, receiver: LineSettings) -> None:
     for byte in (ENQ, ACK):
         good = [character.byte for character in read(bytes([byte]), sender, receiver) if not character.flaw]
         assert byte not in good
@@ -113,23 +109,23 @@ def test_a_bid_and_its_answer_do_not_pass_between_other_settings(
 
 @given(st.binary(min_size=1, max_size=12), LINES, LINES, st.data())
 @settings(max_examples=200, deadline=None)
-def test_listening_in_pieces_reads_the_same(
+def test_uart_reads_same_in_pieces(
     data: bytes, sender: LineSettings, receiver: LineSettings, draw: st.DataObject
 ) -> None:
-    ear, heard = Receiver(receiver), []
+    ear, characters = Receiver(receiver), []
     for k, byte in enumerate(data):
         ear.character(byte, begins(k, sender), sender)
         if draw.draw(st.booleans()):
-            # up to the next character, whose first edge has not been told yet
-            heard += ear.listen(math.nextafter(begins(k + 1, sender), 0.0))
-    heard += ear.listen(1000.0)
-    assert heard == read(data, sender, receiver)
+            # up to the next character, whose first edge has not been reported yet
+            characters += ear.listen(math.nextafter(begins(k + 1, sender), 0.0))
+    characters += ear.listen(1000.0)
+    assert characters == read(data, sender, receiver)
     assert ear.quiet
 
 
 @given(st.binary(max_size=12), LINES, LINES)
 @settings(max_examples=100, deadline=None)
-def test_after_idle_time_the_receiver_is_in_step_again(
+def test_uart_resynchronizes_after_idle_time(
     garbage: bytes, sender: LineSettings, receiver: LineSettings
 ) -> None:
     ear = Receiver(receiver)
@@ -139,7 +135,7 @@ def test_after_idle_time_the_receiver_is_in_step_again(
     assert ear.listen(11.0)[-1] == Character(ENQ)
 
 
-def test_a_break_is_one_zero_and_the_next_character_needs_high() -> None:
+def test_uart_break_is_one_zero_until_line_is_high() -> None:
     ear = Receiver(E)
     ear.hold(True, 1.0)
     assert ear.listen(1.0 + 10.5 / 9600) == []
@@ -153,7 +149,7 @@ def test_a_break_is_one_zero_and_the_next_character_needs_high() -> None:
     assert ear.quiet
 
 
-def test_other_settings_give_up_the_character_being_read() -> None:
+def test_uart_changed_settings_discard_present_character() -> None:
     ear = Receiver(N)
     ear.character(ENQ, 0.0, N)
     assert ear.listen(3 / 9600) == []
@@ -162,14 +158,19 @@ def test_other_settings_give_up_the_character_being_read() -> None:
     assert ear.listen(2.0)[-1] == Character(ACK)
 
 
-def test_what_the_owner_takes_of_damaged_characters() -> None:
-    heard = [Character(1), Character(2, Flaw.PARITY), Character(0, Flaw.BREAK), Character(3, Flaw.FRAMING)]
-    assert taken(heard, Damaged.KEEP) == b"\x01\x02\x00\x03"
-    assert taken(heard, Damaged.ZERO) == b"\x01\x00\x00\x00"
-    assert taken(heard, Damaged.DROP) == b"\x01"
+def test_uart_damaged_characters_are_read_as_configured() -> None:
+    characters = [
+        Character(1),
+        Character(2, Flaw.PARITY),
+        Character(0, Flaw.BREAK),
+        Character(3, Flaw.FRAMING),
+    ]
+    assert taken(characters, Damaged.KEEP) == b"\x01\x02\x00\x03"
+    assert taken(characters, Damaged.ZERO) == b"\x01\x00\x00\x00"
+    assert taken(characters, Damaged.DROP) == b"\x01"
 
 
-def test_errors_are_counted_by_kind() -> None:
+def test_uart_counts_errors_by_kind() -> None:
     total = LineErrors()
     for flaw in (Flaw.PARITY, Flaw.FRAMING, Flaw.FRAMING, Flaw.BREAK):
         total += COUNTED_AS[flaw]

@@ -1,4 +1,4 @@
-"""URLs: what is understood, and what the errors say."""
+"""URLs: valid ones, and messages on invalid ones."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -61,7 +61,7 @@ UNDERSTOOD = [
 
 
 @pytest.mark.parametrize(("schemes", "url", "target", "line"), UNDERSTOOD, ids=[row[1] for row in UNDERSTOOD])
-def test_understood(schemes: Any, url: str, target: str, line: LineSettings | None) -> None:
+def test_url_valid_is_parsed(schemes: Any, url: str, target: str, line: LineSettings | None) -> None:
     parsed = parse_url(url, schemes)
     assert (parsed.target, parsed.line, parsed.text) == (target, line, url)
 
@@ -74,11 +74,11 @@ def test_understood(schemes: Any, url: str, target: str, line: LineSettings | No
         ("rfc2217://h:1?reconnect_s=5", "rfc2217://h:1?reconnect_s=5&baudrate=300&parity=E&stopbits=1"),
     ],
 )
-def test_what_a_url_leaves_out_of_its_line_is_filled_in(url: str, expected: str) -> None:
+def test_url_line_settings_have_defaults(url: str, expected: str) -> None:
     assert with_line(url, LineSettings(300, Parity.EVEN)) == expected
 
 
-def test_options_have_their_types() -> None:
+def test_url_options_have_types() -> None:
     assert parse_url("pty:?link=/tmp/robot", LISTEN_BYTES).options == {"link": Path("/tmp/robot")}
     assert parse_url("memory:a?latency_ms=0.5", CONNECT_BYTES).options == {"latency_ms": 0.5}
     assert parse_url("can+slcan:///dev/x?bitrate=500000", CONNECT_CAN).options == {"bitrate": 500_000}
@@ -181,12 +181,12 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("open_wire", "url", "says"), REFUSED, ids=[row[1] for row in REFUSED])
-def test_refused(open_wire: Callable[..., Awaitable[object]], url: str, says: str) -> None:
+@pytest.mark.parametrize(("open_wire", "url", "message"), REFUSED, ids=[row[1] for row in REFUSED])
+def test_url_invalid_is_refused(open_wire: Callable[..., Awaitable[object]], url: str, message: str) -> None:
     async def main() -> None:
         with pytest.raises(ConfigError) as caught:
             await open_wire(url, Clock.running())
-        assert says in str(caught.value)
+        assert message in str(caught.value)
         assert repr(url) in str(caught.value)
 
     run_virtual(main)
@@ -200,9 +200,7 @@ def test_refused(open_wire: Callable[..., Awaitable[object]], url: str, says: st
         (connect_can, "can+slcan:///dev/nowhere?bitrate=1000000"),
     ],
 )
-def test_messages_name_a_wire_without_its_options(
-    open_wire: Callable[..., Awaitable[object]], url: str
-) -> None:
+def test_url_in_messages_has_no_options(open_wire: Callable[..., Awaitable[object]], url: str) -> None:
     async def main() -> None:
         with pytest.raises(TransportUnavailable) as caught:
             await open_wire(url, Clock.running())
@@ -222,12 +220,12 @@ def test_messages_name_a_wire_without_its_options(
         ),
     ],
 )
-def test_an_emulated_slcan_adapter_has_a_readable_address(port: str, address: str) -> None:
+def test_url_of_emulated_slcan_adapter_is_readable(port: str, address: str) -> None:
     assert slcan_address(port) == address
     assert parse_url(address, CONNECT_CAN).options["bitrate"] == 1_000_000
 
 
-def test_an_slcan_adapter_is_a_serial_port() -> None:
+def test_url_of_slcan_adapter_is_serial_port() -> None:
     async def main() -> None:
         listen = Listen(None, "jr3+can+slcan+tcp-listen://127.0.0.1:0")
         with pytest.raises(

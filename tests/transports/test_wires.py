@@ -1,4 +1,4 @@
-"""Each wire in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
+"""Wires in virtual time, in addition to the suite: exact times, faults, arbitration, new clients."""
 
 import asyncio
 import socket
@@ -53,25 +53,25 @@ class Log:
         return [at for at, _ in self.items]
 
 
-def test_a_character_has_11_bits_at_8e1_and_10_at_8n1() -> None:
+def test_line_character_has_11_bits_at_8e1_and_10_at_8n1() -> None:
     assert LINE.bits == 11
     assert LineSettings(19200).bits == 10
     assert LineSettings(300, Parity.ODD, 2).bits == 12
 
 
 @pytest.mark.parametrize("outward", [True, False])
-def test_a_block_of_57_bytes_takes_exactly_its_character_times(outward: bool) -> None:
+def test_paced_block_takes_its_character_times(outward: bool) -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
         near = PacedLine(inner, LINE, clock, fifo=14)
-        here, there = Log(near, clock), Log(far, clock)
+        near_log, far_log = Log(near, clock), Log(far, clock)
         await pass_time(0.1)
         start = clock.now()
         block = bytes(range(57))
         (near if outward else far).send(block)
         await pass_time(1.0)
-        log = there if outward else here
+        log = far_log if outward else near_log
         assert b"".join(data for _, data in log.items) == block
         assert [len(data) for _, data in log.items] == [14, 14, 14, 14, 1]
         assert log.times == [start + n * 11 / 9600 for n in (14, 28, 42, 56, 57)]
@@ -79,11 +79,11 @@ def test_a_block_of_57_bytes_takes_exactly_its_character_times(outward: bool) ->
     run_virtual(main)
 
 
-def test_bursts_queue_after_one_another_and_idle_time_is_not_made_up() -> None:
+def test_paced_bursts_queue_and_idle_time_is_lost() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = PacedLine(inner, LINE, clock, fifo=14), Log(far, clock)
+        near, far_log = PacedLine(inner, LINE, clock, fifo=14), Log(far, clock)
         start = clock.now()
         near.send(b"abc")
         near.send(b"de")  # extends the burst
@@ -92,7 +92,7 @@ def test_bursts_queue_after_one_another_and_idle_time_is_not_made_up() -> None:
         await clock.sleep_until(start + 1.0)
         near.send(b"g")
         await pass_time(1.0)
-        assert there.items == [(start + 6 * 11 / 9600, b"abcdef"), (start + 1.0 + 11 / 9600, b"g")]
+        assert far_log.items == [(start + 6 * 11 / 9600, b"abcdef"), (start + 1.0 + 11 / 9600, b"g")]
 
     run_virtual(main)
 
@@ -101,11 +101,11 @@ def test_paced_times_do_not_drift_over_a_long_burst() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = PacedLine(inner, LINE, clock), Log(far, clock)
+        near, far_log = PacedLine(inner, LINE, clock), Log(far, clock)
         start = clock.now()
         near.send(bytes(50_000))
         await pass_time(100)
-        assert there.times[-1] == start + 50_000 * 11 / 9600
+        assert far_log.times[-1] == start + 50_000 * 11 / 9600
 
     run_virtual(main)
 
@@ -114,8 +114,8 @@ def test_paced_bounds_both_queues() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = PacedLine(inner, LINE, clock), Log(far, clock)
-        here = Log(near, clock)
+        near, far_log = PacedLine(inner, LINE, clock), Log(far, clock)
+        near_log = Log(near, clock)
         with pytest.raises(TransportError, match="full"):
             near.send(bytes(70_000))
         near.send(b"fits")
@@ -123,14 +123,14 @@ def test_paced_bounds_both_queues() -> None:
         await pass_time(0)
         far.send(bytes(10_000))
         await pass_time(100)
-        assert there.items[0][1] == b"fits"
-        assert sum(len(data) for _, data in here.items) == 60_000
+        assert far_log.items[0][1] == b"fits"
+        assert sum(len(data) for _, data in near_log.items) == 60_000
         assert near.overruns == 10_000
 
     run_virtual(main)
 
 
-def test_the_end_comes_after_what_is_on_the_line() -> None:
+def test_paced_end_arrives_after_pending_bytes() -> None:
     async def main() -> None:
         clock = Clock.running()
         for wrap, last in (
@@ -149,40 +149,40 @@ def test_the_end_comes_after_what_is_on_the_line() -> None:
     run_virtual(main)
 
 
-def test_closing_gives_a_slow_line_one_second() -> None:
+def test_paced_close_waits_up_to_one_second() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = PacedLine(inner, LINE, clock, fifo=1), Log(far, clock)
+        near, far_log = PacedLine(inner, LINE, clock, fifo=1), Log(far, clock)
         start = clock.now()
         near.send(bytes(5000))
         await near.aclose()
         assert clock.now() == start + 1.0
         await pass_time(1)
-        assert len(there.items) == 872  # 9600 / 11 characters
+        assert len(far_log.items) == 872  # 9600 / 11 characters
 
     run_virtual(main)
 
 
-def test_latency_is_exact_both_ways() -> None:
+def test_memory_latency_is_exact_in_both_directions() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock, 0.001)
         near = Delayed(inner, 0.0025, clock)
-        here, there = Log(near, clock), Log(far, clock)
+        near_log, far_log = Log(near, clock), Log(far, clock)
         start = clock.now()
         near.send(b"a")
         far.send(b"b")
         await clock.sleep_until(start + 0.0005)
         near.send(b"c")
         await pass_time(1)
-        assert there.items == [(start + 0.0025 + 0.001, b"a"), (start + 0.0005 + 0.0025 + 0.001, b"c")]
-        assert here.items == [(start + 0.001 + 0.0025, b"b")]
+        assert far_log.items == [(start + 0.0025 + 0.001, b"a"), (start + 0.0005 + 0.0025 + 0.001, b"c")]
+        assert near_log.items == [(start + 0.001 + 0.0025, b"b")]
 
     run_virtual(main)
 
 
-def test_a_full_memory_wire_refuses_and_stays_in_order() -> None:
+def test_memory_full_wire_refuses_and_keeps_order() -> None:
     async def main() -> None:
         clock = Clock.running()
         left, right = memory_pair(clock)
@@ -198,39 +198,39 @@ def test_a_full_memory_wire_refuses_and_stays_in_order() -> None:
     run_virtual(main)
 
 
-def test_an_end_while_early_data_is_handed_over_comes_once_and_last() -> None:
-    seen: list[object] = []
+def test_memory_end_during_delivery_comes_once_and_last() -> None:
+    events: list[object] = []
     delivery: Delivery[bytes] = Delivery("wire", 10)
 
     def cut(data: bytes) -> None:
-        seen.append(data)
+        events.append(data)
         delivery.end(TransportBroken("wire: cut"))
 
     for data in (b"one", b"two", b"too much", b"six"):
         delivery.data(data)
-    delivery.start(cut, lambda error: seen.append(str(error)))
-    assert seen == [b"one", b"two", b"six", "wire: cut"]
+    delivery.start(cut, lambda error: events.append(str(error)))
+    assert events == [b"one", b"two", b"six", "wire: cut"]
     assert delivery.overruns == 8
     with pytest.raises(RuntimeError, match="already started"):
         delivery.start(cut, print)
 
 
-def test_tap_shows_both_directions_in_order() -> None:
+def test_tap_reports_both_directions_in_order() -> None:
     async def main() -> None:
-        clock, seen = Clock.running(), []
+        clock, events = Clock.running(), []
         inner, far = memory_pair(clock)
-        near = Tap(inner, lambda direction, data: seen.append((direction, data)))
+        near = Tap(inner, lambda direction, data: events.append((direction, data)))
         log = Log(near, clock)
         near.send(b"ping")
         far.send(b"pong")
         await pass_time(0.1)
-        assert seen == [(Direction.SENT, b"ping"), (Direction.RECEIVED, b"pong")]
+        assert events == [(Direction.SENT, b"ping"), (Direction.RECEIVED, b"pong")]
         assert [data for _, data in log.items] == [b"pong"]
 
     run_virtual(main)
 
 
-def test_faults_repeat_with_the_seed_and_have_their_rates() -> None:
+def test_wire_faults_are_reproducible_at_their_rates() -> None:
     async def damaged(faults: Faults, seed: int, noise: bytes = b"") -> bytes:
         clock = Clock.running()
         inner, far = memory_pair(clock)
@@ -260,22 +260,22 @@ def test_faults_repeat_with_the_seed_and_have_their_rates() -> None:
     run_virtual(main)
 
 
-def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
+def test_cut_cable_breaks_one_end_and_silences_other() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
         near = Faulty(inner, Faults())
-        here, there = Log(near, clock), Log(far, clock)
+        near_log, far_log = Log(near, clock), Log(far, clock)
         near.cut()
-        assert isinstance(here.end, TransportBroken)
+        assert isinstance(near_log.end, TransportBroken)
         with pytest.raises(TransportBroken):
             near.send(b"x")
         far.send(b"y")
         await pass_time(1)
-        assert here.items == there.items == []
-        assert there.end is None
+        assert near_log.items == far_log.items == []
+        assert far_log.end is None
         await near.aclose()
-        assert isinstance(here.end, TransportBroken)
+        assert isinstance(near_log.end, TransportBroken)
 
     run_virtual(main)
 
@@ -283,7 +283,7 @@ def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
 # --- by URL
 
 
-def test_clients_of_a_memory_listener_come_and_go() -> None:
+def test_memory_listener_accepts_successive_clients() -> None:
     async def main() -> None:
         clock = Clock.running()
         with pytest.raises(TransportUnavailable, match="no program listens"):
@@ -298,12 +298,12 @@ def test_clients_of_a_memory_listener_come_and_go() -> None:
             client = await connect_bytes(f"{listening.address}?latency_ms=1.5", clock)
             with pytest.raises(TransportUnavailable, match="another client"):
                 await connect_bytes("memory:robot", clock)
-            heard = Log(client, clock)
+            received = Log(client, clock)
             start = clock.now()
             client.send(b"hello %d" % k)
             listening.transport.send(b"welcome %d" % k)
             await pass_time(0.1)
-            assert heard.items == [(start + 0.0015, b"welcome %d" % k)]
+            assert received.items == [(start + 0.0015, b"welcome %d" % k)]
             await client.aclose()
             await pass_time(0.1)
         assert [data for _, data in log.items] == [b"hello 0", b"hello 1", b"hello 2"]
@@ -315,7 +315,7 @@ def test_clients_of_a_memory_listener_come_and_go() -> None:
     run_virtual(main)
 
 
-def test_a_memory_url_with_a_baudrate_is_paced() -> None:
+def test_memory_url_with_baudrate_is_paced() -> None:
     async def main() -> None:
         clock = Clock.running()
         log = Log((await listen_bytes("memory:robot", clock)).transport, clock)
@@ -328,7 +328,7 @@ def test_a_memory_url_with_a_baudrate_is_paced() -> None:
     run_virtual(main)
 
 
-def test_memory_names_belong_to_their_loop() -> None:
+def test_memory_names_are_local_to_event_loop() -> None:
     async def main() -> None:
         await listen_bytes("memory:robot", Clock.running())
 
@@ -339,34 +339,34 @@ def test_memory_names_belong_to_their_loop() -> None:
 # --- wires that come back
 
 
-def test_each_wait_is_twice_the_one_before_up_to_the_longest() -> None:
+def test_back_off_doubles_wait_up_to_limit() -> None:
     assert list(islice(waits(), 7)) == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0]
 
 
-def test_trying_ends_with_the_named_time_and_the_last_reason() -> None:
+def test_back_off_ends_with_time_limit_and_last_reason() -> None:
     async def main() -> None:
-        clock, tries = Clock.running(), []
+        clock, attempts = Clock.running(), []
 
         async def fails() -> None:
-            tries.append(clock.now() - start)
-            raise TransportUnavailable(f"try {len(tries)}")
+            attempts.append(clock.now() - start)
+            raise TransportUnavailable(f"try {len(attempts)}")
 
         for patience, expected in ((0.0, [0.0]), (1.0, [0.0, 0.1, 0.3, 0.7])):
             start = clock.now()
-            tries.clear()
+            attempts.clear()
             with pytest.raises(TransportUnavailable, match=f"try {len(expected)}"):
                 await persistent(fails, patience, clock)
-            assert tries == pytest.approx(expected)
+            assert attempts == pytest.approx(expected)
             assert clock.now() - start <= patience
 
     run_virtual(main)
 
 
 def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transport[bytes]], list[str]]:
-    """A wire in memory that comes back after this many failed tries; its far ends, and what was noticed."""
+    """Return a wire in memory that returns after this many failed attempts, its far ends, and the notices."""
     far_ends: list[Transport[bytes]] = []
     notices: list[str] = []
-    tries = iter(range(1000))
+    attempts = iter(range(1000))
 
     def pair() -> Transport[bytes]:
         near, far = memory_pair(clock)
@@ -374,7 +374,7 @@ def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transpor
         return near
 
     async def again() -> Transport[bytes]:
-        if next(tries) % (absent + 1) < absent:
+        if next(attempts) % (absent + 1) < absent:
             raise TransportUnavailable("no server")
         return pair()
 
@@ -382,17 +382,17 @@ def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transpor
     return wire, far_ends, notices
 
 
-def test_a_wire_comes_back_and_bytes_sent_meanwhile_are_lost() -> None:
+def test_reconnecting_wire_loses_bytes_sent_meanwhile() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, notices = reconnecting(clock, absent=2)
         log = Log(wire, clock)
         for k in range(3):
-            there = Log(far_ends[-1], clock)
+            far_log = Log(far_ends[-1], clock)
             wire.send(b"%d" % k)
             far_ends[-1].send(b"answer")
             await pass_time(0.1)
-            assert [data for _, data in there.items] == [b"%d" % k]
+            assert [data for _, data in far_log.items] == [b"%d" % k]
             await far_ends[-1].aclose()
             await pass_time(0.05)
             wire.send(b"lost")
@@ -410,7 +410,7 @@ def test_a_wire_comes_back_and_bytes_sent_meanwhile_are_lost() -> None:
     run_virtual(main)
 
 
-def test_a_wire_that_stays_away_is_broken_and_says_how_long() -> None:
+def test_reconnecting_wire_breaks_after_time_limit() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, _ = reconnecting(clock, absent=999)
@@ -427,7 +427,7 @@ def test_a_wire_that_stays_away_is_broken_and_says_how_long() -> None:
     run_virtual(main)
 
 
-def test_closing_while_it_is_away_leaves_nothing_behind() -> None:
+def test_reconnecting_wire_closes_during_outage() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, _ = reconnecting(clock, absent=999)
@@ -445,25 +445,25 @@ def test_closing_while_it_is_away_leaves_nothing_behind() -> None:
     run_virtual(main)
 
 
-def test_twelve_clients_that_come_at_once_wait_for_a_server_that_is_busy() -> None:
-    came: list[Any] = []
+def test_tcp_twelve_clients_wait_for_busy_server() -> None:
+    clients_connected: list[Any] = []
 
     async def storm() -> None:
-        all_came = asyncio.Event()
+        all_connected = asyncio.Event()
 
         def welcome(wire: Any) -> None:
-            came.append(wire)
-            if len(came) == 12:
-                all_came.set()
+            clients_connected.append(wire)
+            if len(clients_connected) == 12:
+                all_connected.set()
 
         stop, host, port = await listen_tcp_clients("127.0.0.1", 0, Clock.running(), "here", welcome)
         with ExitStack() as stack:
-            for _ in range(12):  # the server's loop does not turn meanwhile
+            for _ in range(12):  # meanwhile the server's loop does not run
                 stack.enter_context(socket.create_connection((host, port), timeout=5.0))
-            await all_came.wait()
+            await all_connected.wait()
         stop()
-        for wire in came:
+        for wire in clients_connected:
             await wire.aclose()
 
     asyncio.run(asyncio.wait_for(storm(), 30.0))
-    assert len(came) == 12
+    assert len(clients_connected) == 12

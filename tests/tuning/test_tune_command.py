@@ -41,25 +41,25 @@ def tune(*arguments: str) -> "tuple[int, str]":
 
 
 @pytest.mark.full
-def test_a_search_ends_in_a_file_that_runs(tmp_path: Path) -> None:
-    cell, out, found = tmp_path / "cell.toml", tmp_path / "tuned.toml", tmp_path / "all.json"
+def test_search_writes_runnable_file(tmp_path: Path) -> None:
+    cell, out, result = tmp_path / "cell.toml", tmp_path / "tuned.toml", tmp_path / "all.json"
     cell.write_text(NEAR, encoding="utf-8")
     arguments = (str(cell), *ARGUMENTS, "--workers", "1", "--trade", "rms_error_n:largest_force_n")
-    outputs = ("--output", str(out), "--json", str(found), "--plot", str(tmp_path / "front.png"))
+    outputs = ("--output", str(out), "--json", str(result), "--plot", str(tmp_path / "front.png"))
     code, output = tune(*arguments, *outputs)
     assert code == 0, output
     assert "the same cell, fresh seeds, 4 seeds: " in output
     assert (tmp_path / "front.png").read_bytes().startswith(b"\x89PNG")
-    told = json.loads(found.read_text(encoding="utf-8"))
-    assert load_config(out, {}).controller.parameters["integral"] == told["best"]["integral"]
-    assert len(told["tried"]) >= 5
+    report = json.loads(result.read_text(encoding="utf-8"))
+    assert load_config(out, {}).controller.parameters["integral"] == report["best"]["integral"]
+    assert len(report["tried"]) >= 5
     text = out.read_text(encoding="utf-8")
-    with pytest.raises(ConfigError, match="is there already"):
+    with pytest.raises(ConfigError, match="already exists"):
         tune(*arguments, *outputs)
     assert out.read_text(encoding="utf-8") == text
 
 
-def test_a_real_robot_is_refused(tmp_path: Path) -> None:
+def test_campaign_with_real_robot_is_refused(tmp_path: Path) -> None:
     cell = tmp_path / "cell.toml"
     cell.write_text('[robot]\nurl = "s3+tcp://127.0.0.1:1"\n', encoding="utf-8")
     with pytest.raises(ConfigError, match="on the emulated cell only"):

@@ -1,4 +1,4 @@
-"""Tuning without runs: the space, the scores, the search on a function, the front, comparisons, files."""
+"""Tuning without runs: space, scores, search on a function, front, comparisons, files."""
 
 import json
 import math
@@ -33,7 +33,7 @@ def pi(**parameters: float) -> Config:
 # --- the space
 
 
-def test_each_controller_of_ours_declares_bounds_around_its_defaults() -> None:
+def test_built_in_controllers_declare_valid_bounds() -> None:
     for name in CONTROLLERS:
         space = space_of(load_config(None, {"controller.name": name}), ())
         assert space.parameters, name
@@ -42,7 +42,7 @@ def test_each_controller_of_ours_declares_bounds_around_its_defaults() -> None:
             assert parameter.range.low <= parameter.default <= parameter.range.high, (name, parameter.name)
 
 
-def test_a_person_gives_bounds_and_chooses_among_the_declared_ones() -> None:
+def test_space_uses_configured_and_declared_bounds() -> None:
     space = space_of(pi(integral=0.3), ["integral=0.1:1:log", "proportional", "resolution_mm=0.1:0.2"])
     assert space.names == ("integral", "proportional", "resolution_mm")
     assert [one.range for one in space.parameters] == [
@@ -56,14 +56,14 @@ def test_a_person_gives_bounds_and_chooses_among_the_declared_ones() -> None:
     assert high == (1.0, 1.0, 0.2)
 
 
-def test_whole_numbers_stay_whole() -> None:
+def test_integers_stay_integers() -> None:
     space = space_of(load_config(None, {"controller.name": "predictive"}), ["window"])
     assert space.parameters[0].whole
     assert space.table(space.point([7.4])) == {"window": 7}
 
 
 @pytest.mark.parametrize(
-    ("vary", "words"),
+    ("vary", "message"),
     [
         ("gain=0:1", "pi has no parameter 'gain'"),
         ("tuned_at_n_m", "pi declares no bounds for it; give tuned_at_n_m=LOW:HIGH"),
@@ -74,8 +74,8 @@ def test_whole_numbers_stay_whole() -> None:
         ("integral=0:1:lin", "must be NAME=LOW:HIGH"),
     ],
 )
-def test_wrong_bounds_are_refused(vary: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
+def test_invalid_bounds_are_refused(vary: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         space_of(pi(), [vary])
 
 
@@ -90,7 +90,7 @@ def ended(
     return {"outcome": outcome, "rise_s": rise_s, "overshoot_percent": overshoot, "force_true_max_n": force}
 
 
-def test_defaults_score_one_and_failed_runs_score_above_all() -> None:
+def test_defaults_score_one_and_failed_runs_score_worst() -> None:
     assert GOAL.score(ended(2.0)) == pytest.approx(1.0)
     assert evaluate(GOAL, (), [ended(2.0), ended(2.0)]).score == pytest.approx(1.0)
     one, two = (evaluate(GOAL, (), [ended(1.0), *[ended(1.0, outcome="stopped")] * k]) for k in (1, 2))
@@ -101,7 +101,7 @@ def test_defaults_score_one_and_failed_runs_score_above_all() -> None:
     assert GOAL.failure(ended(1.0, outcome="stopped")) == "stopped"
 
 
-def test_luck_with_a_seed_is_no_merit() -> None:
+def test_lucky_seed_does_not_win_search() -> None:
     steady = evaluate(GOAL, (), [ended(1.0), ended(1.0)])
     lucky = evaluate(GOAL, (), [ended(0.5), ended(1.5)])
     assert steady.mean("rise_s") == lucky.mean("rise_s")
@@ -119,13 +119,13 @@ def test_scales_have_a_floor() -> None:
 
 
 def bowl(jobs: Sequence[Job]) -> list[Figures]:
-    """Invented figures of runs: best at integral = 0.9, forbidden above 1.2, with noise by the seed."""
-    found = []
+    """Return synthetic figures of runs: best at integral = 0.9, infeasible above 1.2, with noise by seed."""
+    figures = []
     for job in jobs:
         integral = json.loads(job.parameters).get("integral", 0.4)
         rise = 1.0 + (integral - 0.9) ** 2 + 0.01 * (job.seed % 3)
-        found.append(ended(rise, outcome="stopped" if integral > 1.2 else "completed"))
-    return found
+        figures.append(ended(rise, outcome="stopped" if integral > 1.2 else "completed"))
+    return figures
 
 
 def search_plan(budget: int = 150) -> SearchPlan:
@@ -138,7 +138,7 @@ def searched(budget: int = 150) -> Search:
     return state
 
 
-def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
+def test_search_finds_best_within_budget() -> None:
     runs = 0
 
     def counted(jobs: Sequence[Job]) -> list[Figures]:
@@ -159,16 +159,16 @@ def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
     assert [one.point for one in searched().tried] == [one.point for one in state.tried]
 
 
-def test_a_point_must_do_in_every_cell() -> None:
-    """The second cell stands for a harder surface: there the force runs away above 0.6."""
+def test_point_must_be_feasible_in_every_cell() -> None:
+    """The second cell has a harder surface, on which the force is unstable above 0.6."""
 
     def two_cells(jobs: Sequence[Job]) -> list[Figures]:
-        found = []
+        result = []
         for job, figures in zip(jobs, bowl(jobs), strict=True):
             hard = json.loads(job.config)["cell"]["surface"]["stiffness_n_m"] > 9000.0
             too_much = json.loads(job.parameters).get("integral", 0.4) > 0.6
-            found.append({**figures, "outcome": "stopped"} if hard and too_much else figures)
-        return found
+            result.append({**figures, "outcome": "stopped"} if hard and too_much else figures)
+        return result
 
     search_plan = SearchPlan(
         space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), 300, seed=1, cells=2
@@ -183,12 +183,12 @@ def test_a_point_must_do_in_every_cell() -> None:
     assert "In 2 cells at once." in tuned_file({}, pi(), state, None)
 
 
-def test_a_budget_that_makes_no_search_is_refused_before_the_first_run() -> None:
+def test_search_budget_too_small_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"--budget 20: a search with 2 seeds needs at least 28 runs"):
         search_plan(20)
 
 
-def test_where_every_point_fails_there_is_no_best() -> None:
+def test_search_without_feasible_point_has_no_best() -> None:
     def fails(jobs: Sequence[Job]) -> list[Figures]:
         return [ended(1.0, outcome="stopped" if json.loads(job.parameters) else "completed") for job in jobs]
 
@@ -198,7 +198,7 @@ def test_where_every_point_fails_there_is_no_best() -> None:
     assert "no point met the constraints with every seed" in list(describe_parameters(state))
 
 
-def test_an_interrupted_search_has_its_best_so_far() -> None:
+def test_interrupted_search_keeps_best_point() -> None:
     calls = 0
 
     def interrupted(jobs: Sequence[Job]) -> list[Figures]:
@@ -217,14 +217,14 @@ def test_an_interrupted_search_has_its_best_so_far() -> None:
     assert tomllib.loads(text)["controller"]["parameters"]["integral"] == state.best.point[0]
 
 
-# --- what is made of it
+# --- use of the result
 
 
 def point(x: float, y: float, outcome: str = "completed") -> Evaluation:
     return evaluate(GOAL, (x, y), [ended(x, y, outcome)])
 
 
-def test_the_front_holds_the_points_that_nothing_beats() -> None:
+def test_front_contains_nondominated_points() -> None:
     tried = [point(1, 9), point(2, 5), point(3, 6), point(4, 1), point(0.1, 0.1, "stopped")]
     assert [one.point for one in front(tried, "rise_s", "overshoot_percent")] == [(1, 9), (2, 5), (4, 1)]
     axes = ("rise_s", "overshoot_percent")
@@ -246,9 +246,7 @@ def test_the_front_holds_the_points_that_nothing_beats() -> None:
         ([None, 1.0, 1.0], [None, None, 2.0], Finding.LESS),
     ],
 )
-def test_a_difference_counts_where_the_seeds_can_tell(
-    tuned: list[Any], defaults: list[Any], finding: Finding
-) -> None:
+def test_difference_needs_significant_scores(tuned: list[Any], defaults: list[Any], finding: Finding) -> None:
     one, two = (evaluate(GOAL, (), [ended(rise) for rise in rises]) for rises in (tuned, defaults))
     comparison = Comparison("hard", one, two)
     assert comparison.finding is finding
@@ -260,29 +258,29 @@ def test_a_difference_counts_where_the_seeds_can_tell(
     )  # fmt: skip
 
 
-def test_the_file_is_read_back_as_it_was_meant(tmp_path: Path) -> None:
+def test_tuned_file_round_trips(tmp_path: Path) -> None:
     state = searched()
     values = {"run": {"duration_s": 3.0}, "cell": {"surface": {"stiffness_n_m": 2000.0}}, "faults": []}
-    place = tmp_path / "tuned.toml"
-    place.write_text(tuned_file(values, pi(integral=0.4), state, Path("cell.toml")), encoding="utf-8")
-    config = load_config(place, {})
+    path = tmp_path / "tuned.toml"
+    path.write_text(tuned_file(values, pi(integral=0.4), state, Path("cell.toml")), encoding="utf-8")
+    config = load_config(path, {})
     assert state.best is not None
     assert config.controller.name == "pi"
     assert config.controller.parameters == {"integral": state.best.point[0]}
     assert config.cell.surface.stiffness_n_m == 2000.0
-    assert "fresh seeds against the defaults: better" in place.read_text(encoding="utf-8")
+    assert "fresh seeds against the defaults: better" in path.read_text(encoding="utf-8")
     assert toml({"a": 1, "b": {"c": {"d e": "x"}}}, ["why"]) == '# why\n\na = 1\n\n[b.c]\n"d e" = "x"\n'
 
 
 def test_json_has_every_run() -> None:
     state = searched()
-    found = json.loads(as_json(state, []))
-    assert len(found["tried"]) == len(state.tried)
-    assert found["best"] == {"integral": state.best.point[0]} if state.best else None
-    assert len(found["defaults"]["runs"]) == 2
+    result = json.loads(as_json(state, []))
+    assert len(result["tried"]) == len(state.tried)
+    assert result["best"] == {"integral": state.best.point[0]} if state.best else None
+    assert len(result["defaults"]["runs"]) == 2
 
 
-def test_figures_and_weights_are_checked() -> None:
+def test_invalid_figures_and_weights_are_refused() -> None:
     for wrong in ("rise", "rise_s=x", "rise_s=0", "outcome"):
         with pytest.raises(ConfigError, match="--minimise"):
             weights_of([wrong])
@@ -294,15 +292,15 @@ def test_figures_and_weights_are_checked() -> None:
     assert axes_of(None) == ("rise_s", "overshoot_percent")
 
 
-def test_the_examples_are_cells_for_the_same_controller() -> None:
+def test_examples_share_one_controller() -> None:
     tuned = load_config(EXAMPLES / "cell.toml", {"controller.name": "pi"})
-    for place in EXAMPLES.glob("*.toml"):
-        config = load_other_cell(place, tuned)
+    for path in EXAMPLES.glob("*.toml"):
+        config = load_other_cell(path, tuned)
         assert (config.controller.name, config.run.duration_s) == ("pi", tuned.run.duration_s)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_figure_that_is_no_finite_number_fails_a_run(bad: float) -> None:
+def test_non_finite_figure_fails_run(bad: float) -> None:
     goal = Goal({"rms_error_n": 1.0}, 20.0, {"rms_error_n": 1.0})
     assert goal.score({"outcome": "completed", "rms_error_n": 0.5, "force_true_max_n": 12.0}) == 0.5
     assert goal.failure({"outcome": "completed", "rms_error_n": bad}) == f"rms_error_n is {bad}"

@@ -1,4 +1,4 @@
-"""A CAN bus of the kernel's own, for one test each."""
+"""CAN bus of the kernel, one for each test."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ _numbers = count()
 
 
 def _missing(text: str) -> None:
-    """Skip, or fail where the tests must run."""
+    """Skip, or fail if the tests must run."""
     if os.environ.get(REQUIRE):
         pytest.fail(text)
     pytest.skip(f"{text}; `python tools/vcan_vm.py` runs them elsewhere")
@@ -24,7 +24,7 @@ def _missing(text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Vcan:
-    """A vcan interface, with what can happen to it."""
+    """vcan interface, with operations on it."""
 
     name: str
 
@@ -33,7 +33,7 @@ class Vcan:
         return f"can+socketcan://{self.name}"
 
     def link(self, *arguments: str) -> None:
-        """`ip link …` with the interface's name last."""
+        """Run `ip link …` with the interface's name last."""
         ip = shutil.which("ip", path=_FOLDERS)
         if ip is None:
             _missing("the command ip is missing")
@@ -62,7 +62,7 @@ class Vcan:
 
 @pytest.fixture
 def vcan() -> Iterator[Vcan]:
-    """An interface that is up and that no other program knows."""
+    """Yield an interface that is up and that no other program uses."""
     bus = Vcan(f"vcan{os.getpid()}x{next(_numbers)}")
     try:
         bus.add()
@@ -75,7 +75,7 @@ def vcan() -> Iterator[Vcan]:
 
 @pytest.fixture
 def command() -> Callable[[str], str]:
-    """Where a command of can-utils is."""
+    """Return the path of a command of can-utils."""
 
     def find(name: str) -> str:
         path = shutil.which(name, path=_FOLDERS)
@@ -88,5 +88,5 @@ def command() -> Callable[[str], str]:
 
 @pytest.fixture(scope="session")
 def stream_seconds() -> float:
-    """How long the fast stream is watched, s."""
+    """Return how long the fast stream is watched, s."""
     return float(os.environ.get(SECONDS, "3"))

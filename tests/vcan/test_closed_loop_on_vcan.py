@@ -1,4 +1,4 @@
-"""Three processes on one vcan interface: the bridge, the emulated cell, and a logger that knows neither."""
+"""Test of three processes on one vcan interface: the bridge, the emulated cell, and an independent logger."""
 
 import json
 import signal
@@ -17,12 +17,12 @@ pytestmark = pytest.mark.vcan
 
 HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 FORCES = "601"
-"""Identifier of half of every sample, from the firmware's source: forces, node 1."""
+"""Identifier of the force half of a sample, from the firmware's source: forces, node 1."""
 PATIENCE = 150.0
-"""Longest wait for a whole process on an emulated computer, s."""
+"""Maximum wait for a complete process on an emulated computer, s."""
 
 
-def test_the_loop_holds_its_force_and_the_bus_log_agrees(
+def test_loop_holds_force_and_bus_log_agrees(
     vcan: Any, command: Callable[[str], str], tmp_path: Path
 ) -> None:
     record, summary, log = tmp_path / "r.mcap", tmp_path / "s.json", tmp_path / "can.log"

@@ -1,4 +1,4 @@
-"""The CAN log of a recorded run, played by can-utils on a vcan interface into the bridge."""
+"""Test of the CAN log of a recorded run, played by can-utils on a vcan interface into the bridge."""
 
 import asyncio
 import signal
@@ -24,16 +24,16 @@ pytestmark = pytest.mark.vcan
 
 MONITOR = (sys.executable, "-c", "from hil_bridge.cli import main; main()", "monitor")
 PATIENCE = 100.0
-"""For anything to happen on an emulated computer, s."""
+"""Maximum wait for any event on an emulated computer, s."""
 CALL = CanFrame(0x1FFFFFFF, extended=True)
-"""Of no device: tells when the monitor listens."""
+"""Identifier of no device; shows when the monitor listens."""
 PLAYED = 1000
-"""Frames of the log, start-up and stream, so that playing takes seconds only."""
+"""Number of frames of the log, start-up and stream, so that playing takes only seconds."""
 LATE_S = 0.5
-"""By which the first frame or the last may be late on a busy machine."""
+"""Maximum delay of the first or last frame on a busy machine, s."""
 
 
-def test_a_played_log_comes_into_the_bridge_frame_by_frame(
+def test_played_log_reaches_bridge_frame_by_frame(
     vcan: Any, command: Callable[[str], str], tmp_path: Path
 ) -> None:
     record = tmp_path / "run.mcap"
@@ -47,28 +47,30 @@ def test_a_played_log_comes_into_the_bridge_frame_by_frame(
     recorded = can_frames(read_with_traffic(record)[1].sensor)
     assert len(lines) == len(recorded) > PLAYED
     recorded = recorded[:PLAYED]
-    heard, shown = run_real(lambda: played(vcan, command("canplayer"), tmp_path))
+    received, displayed = run_real(lambda: play_log(vcan, command("canplayer"), tmp_path))
 
-    assert [frame for _, frame in heard] == [one.frame for one in recorded]
-    assert len(shown) == len(recorded)
-    took, lasted = heard[-1][0] - heard[0][0], span(recorded)
+    assert [frame for _, frame in received] == [one.frame for one in recorded]
+    assert len(displayed) == len(recorded)
+    took, lasted = received[-1][0] - received[0][0], span(recorded)
     assert abs(took - lasted) <= LATE_S
-    print(f"{len(heard)} frames played in {took:.2f} s, recorded in {lasted:.2f} s")
+    print(f"{len(received)} frames played in {took:.2f} s, recorded in {lasted:.2f} s")
 
 
 def span(frames: list[WireFrame]) -> float:
     return frames[-1].at - frames[0].at
 
 
-async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[float, CanFrame]], list[str]]:
-    """Frames that a wire of the bridge and `hil-bridge monitor` hear of `played.log`: frames with times, and rows."""
-    heard: list[tuple[float, CanFrame]] = []
+async def play_log(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[float, CanFrame]], list[str]]:
+    """Return the frames that a wire of the bridge and `hil-bridge monitor` receive of `played.log`: frames with times,
+    and rows.
+    """
+    received: list[tuple[float, CanFrame]] = []
     async with AsyncExitStack() as stack:
         clock = Clock.running()
         stack.callback(clock.close)
         wire = await connect_can(vcan.url, clock)
         stack.push_async_callback(wire.aclose)
-        wire.start(lambda frames: heard.extend((one.received_at or 0.0, one) for one in frames), print)
+        wire.start(lambda frames: received.extend((one.received_at or 0.0, one) for one in frames), print)
         output = stack.enter_context((folder / "monitor.txt").open("wb"))
         monitor = await asyncio.create_subprocess_exec(*MONITOR, f"jr3+{vcan.url}", stdout=output)
         stack.push_async_callback(monitor.wait)
@@ -98,8 +100,8 @@ async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[fl
         )
         async with asyncio.timeout(PATIENCE):
             assert await player.wait() == 0
-        await until(lambda: len(heard) >= PLAYED and len(rows()) >= PLAYED, 0.2)
+        await until(lambda: len(received) >= PLAYED and len(rows()) >= PLAYED, 0.2)
         monitor.send_signal(signal.SIGINT)
         async with asyncio.timeout(PATIENCE):
             assert await monitor.wait() == 0
-        return heard, rows()
+        return received, rows()

@@ -1,4 +1,4 @@
-"""Emulated gateways and their clients, each with a socket of its own on one vcan interface, in real time."""
+"""Tests of emulated gateways and their clients, each with its own socket on one vcan interface, in real time."""
 
 import asyncio
 import subprocess
@@ -25,15 +25,15 @@ from protocol.wrench import WrenchFrame
 pytestmark = pytest.mark.vcan
 
 PATIENCE = 60.0
-"""Longest wait on a busy machine, s."""
+"""Maximum wait on a busy machine, s."""
 ANSWER_S = 2.0
-"""Acknowledge time-out of the clients: on a busy machine the gateway is late."""
+"""Acknowledge timeout of the clients: on a busy machine the gateway is late."""
 STANDS_STILL_S = 0.05
-"""Without a frame of a stream of 1 kHz: fifty times its period."""
+"""Maximum time without a frame of a 1 kHz stream, s: fifty times its period."""
 SCALES = SensorProfile().full_scales_n + SensorProfile().full_scales_nm
 FULL_SCALE = np.array(SCALES)
 COUNT = FULL_SCALE / 16384
-"""Worth of one count, N and N·m."""
+"""Value of one count, N and N·m."""
 
 
 class Bus:
@@ -46,7 +46,7 @@ class Bus:
         self._stack = stack
 
     async def gateway(self, node: int, wrench: NDArray[np.float64], accept: Sequence[CanFilter] = ()) -> None:
-        """A gateway whose sensor feels this wrench and nothing else."""
+        """Return a gateway whose sensor measures this constant wrench."""
         port = await connect_can(self._url, self.clock, accept)
         self._stack.push_async_callback(port.aclose)
         sensor = Jr3Sensor(
@@ -65,7 +65,7 @@ class Bus:
         accept: Sequence[CanFilter] = (),
         on_frame: Callable[[WrenchFrame], None] = lambda frame: None,
     ) -> ForceSensor:
-        """A client that has been told the full scales and is sent frames."""
+        """Return a client that has received the full scales and receives frames."""
         profile = GatewayClientProfile(
             node=node, period_ms=period_ms, ack_timeout_s=ANSWER_S, ready_timeout_s=PATIENCE
         )
@@ -85,7 +85,7 @@ class Bus:
         return sensor
 
     async def frames(self, sensor: ForceSensor, number: int) -> None:
-        """Wait for so many more frames of the stream."""
+        """Wait for this many more frames of the stream."""
         enough = sensor.received + number
         async with asyncio.timeout(PATIENCE):
             while sensor.received < enough:
@@ -94,7 +94,7 @@ class Bus:
 
 
 class StoodStill(Exception):
-    """Nothing came for longer than a stream of 1 kHz has gaps."""
+    """Nothing arrived for longer than the gaps of a 1 kHz stream."""
 
 
 def on_bus(url: str, script: Callable[[Bus], Awaitable[None]]) -> None:
@@ -107,29 +107,29 @@ def on_bus(url: str, script: Callable[[Bus], Awaitable[None]]) -> None:
     run_real(main)
 
 
-def felt(sensor: ForceSensor) -> Any:
-    """The newest wrench."""
+def newest_wrench(sensor: ForceSensor) -> Any:
+    """Return the newest wrench."""
     assert sensor.newest is not None
     return sensor.wrench(sensor.newest)
 
 
 def close_to(wrench: Any) -> Any:
-    """Within the last count and what rounds it down."""
+    """Return the tolerance of the last count and its rounding."""
     return pytest.approx(wrench, abs=float(2 * COUNT.max()))
 
 
-def test_a_session_from_start_up_over_zero_to_the_stop(vcan: Any) -> None:
+def test_session_from_start_up_over_zero_to_stop(vcan: Any) -> None:
     pressed = 0.1 * FULL_SCALE
 
     async def script(bus: Bus) -> None:
         await bus.gateway(1, pressed)
         sensor = await bus.client(1)
         await bus.frames(sensor, 30)
-        assert felt(sensor) == close_to(pressed)
+        assert newest_wrench(sensor) == close_to(pressed)
         async with asyncio.timeout(PATIENCE):
             await sensor.tare()
         await bus.frames(sensor, 30)
-        assert felt(sensor) == close_to(np.zeros(6))
+        assert newest_wrench(sensor) == close_to(np.zeros(6))
         await sensor.aclose()
         received = sensor.received
         await bus.clock.sleep_until(bus.clock.now() + 0.1)
@@ -138,7 +138,7 @@ def test_a_session_from_start_up_over_zero_to_the_stop(vcan: Any) -> None:
     on_bus(vcan.url, script)
 
 
-def test_two_gateways_on_one_bus_keep_apart(vcan: Any) -> None:
+def test_two_gateways_on_one_bus_are_independent(vcan: Any) -> None:
     async def script(bus: Bus) -> None:
         for node in (1, 2):
             await bus.gateway(node, 0.1 * node * FULL_SCALE)
@@ -147,18 +147,18 @@ def test_two_gateways_on_one_bus_keep_apart(vcan: Any) -> None:
         await sensors[1].tare()
         for sensor in sensors:
             await bus.frames(sensor, 30)
-        assert felt(sensors[0]) == close_to(0.1 * FULL_SCALE)
-        assert felt(sensors[1]) == close_to(np.zeros(6))
+        assert newest_wrench(sensors[0]) == close_to(0.1 * FULL_SCALE)
+        assert newest_wrench(sensors[1]) == close_to(np.zeros(6))
         assert [sensor.lost for sensor in sensors] == [0, 0]
 
     on_bus(vcan.url, script)
 
 
-def test_a_stream_of_1_khz_loses_nothing(vcan: Any, stream_seconds: float) -> None:
-    """HIL_BRIDGE_VCAN_SECONDS says for how long; a minute is what a site is promised.
+def test_1_khz_stream_loses_nothing(vcan: Any, stream_seconds: float) -> None:
+    """HIL_BRIDGE_VCAN_SECONDS sets the duration; a minute is promised to a site.
 
-    A gap as of a computer that stands still is no verdict: it is tried again, twice at most. That this process itself
-    was busy for so long looks the same.
+    A gap caused by a paused computer is not a verdict: the test is retried, at most twice. It looks the same if this
+    process itself was busy for that long.
     """
     tries = iter((True, True, False))
 
@@ -185,8 +185,8 @@ def test_a_stream_of_1_khz_loses_nothing(vcan: Any, stream_seconds: float) -> No
             return
 
 
-def test_the_stream_goes_on_beside_a_flood_of_others(vcan: Any, command: Callable[[str], str]) -> None:
-    """As fast as the kernel takes them, which is faster than any bus: filters keep them out of the sockets."""
+def test_stream_continues_during_flood_of_other_frames(vcan: Any, command: Callable[[str], str]) -> None:
+    """At the rate of the kernel, which is higher than any bus's: filters keep the frames out of the sockets."""
 
     own = [CanFilter(1, 0x07F)]  # all ops of node 1
 
@@ -199,14 +199,14 @@ def test_the_stream_goes_on_beside_a_flood_of_others(vcan: Any, command: Callabl
         statistics = f"/sys/class/net/{vcan.name}/statistics/rx_packets"
         flood = start_flood()
         try:
-            before, began, received = counted(statistics), bus.clock.now(), sensor.received
+            before, began, received = count_of(statistics), bus.clock.now(), sensor.received
             await bus.clock.sleep_until(began + 1.0)
             assert flood.poll() is None
         finally:
             flood.kill()
             flood.wait()
         seconds = bus.clock.now() - began
-        frames = (counted(statistics) - before) / seconds
+        frames = (count_of(statistics) - before) / seconds
         print(f"{frames:.0f} frames/s beside the stream")
         assert frames > 8000, "more than a bus at 1 Mbit/s can carry"
         assert sensor.received - received == pytest.approx(100 * seconds, abs=20)
@@ -216,12 +216,12 @@ def test_the_stream_goes_on_beside_a_flood_of_others(vcan: Any, command: Callabl
     on_bus(vcan.url, script)
 
 
-def counted(path: str) -> int:
+def count_of(path: str) -> int:
     with open(path, encoding="ascii") as file:
         return int(file.read())
 
 
-def test_the_stream_survives_an_interface_that_is_down_for_a_moment(vcan: Any) -> None:
+def test_stream_survives_short_interface_outage(vcan: Any) -> None:
     """Missed samples are counted: the gateway does not wait."""
 
     async def script(bus: Bus) -> None:

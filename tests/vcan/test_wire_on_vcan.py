@@ -1,4 +1,4 @@
-"""The SocketCAN transport on a real kernel: what its tests with a played kernel take for granted."""
+"""Tests of the SocketCAN transport on a real kernel, for what its tests with a simulated kernel assume."""
 
 import asyncio
 import time
@@ -18,7 +18,7 @@ from protocol.can.frame import CanFilter, CanFrame
 pytestmark = pytest.mark.vcan
 
 PATIENCE = 30.0
-"""Longest wait on a busy machine, s."""
+"""Maximum wait on a busy machine, s."""
 FRAMES = (
     CanFrame(0x201, bytes.fromhex("C80010270000")),
     CanFrame(0x080),
@@ -29,7 +29,7 @@ FRAMES = (
 
 
 class Node:
-    """One socket on the bus and what it heard."""
+    """Socket on the bus and the frames it received."""
 
     def __init__(self, wire: Transport[Frames], clock: Clock) -> None:
         self.wire = wire
@@ -78,7 +78,7 @@ def on_bus(url: str, script: Callable[..., Awaitable[None]], *accept: Any) -> No
     run_real(main)
 
 
-def test_frames_of_every_kind_come_in_order_not_to_their_sender(vcan: Any) -> None:
+def test_frames_arrive_in_order_and_not_at_sender(vcan: Any) -> None:
     async def script(clock: Clock, sender: Node, *others: Node) -> None:
         sender.wire.send(FRAMES)
         for other in others:
@@ -91,7 +91,7 @@ def test_frames_of_every_kind_come_in_order_not_to_their_sender(vcan: Any) -> No
     on_bus(vcan.url, script, (), (), ())
 
 
-def test_the_kernel_lets_pass_only_what_was_asked_for(vcan: Any) -> None:
+def test_kernel_filters_frames(vcan: Any) -> None:
     async def script(clock: Clock, sender: Node, filtered: Node) -> None:
         sender.wire.send(FRAMES)
         await filtered.until(lambda: len(filtered.frames) == 2)
@@ -100,8 +100,8 @@ def test_the_kernel_lets_pass_only_what_was_asked_for(vcan: Any) -> None:
     on_bus(vcan.url, script, (), (CanFilter(0x201), CanFilter(0x7FF)))
 
 
-def test_frames_have_the_kernels_times_and_come_at_once_after_a_pause(vcan: Any) -> None:
-    """While the process is busy elsewhere, frames wait in the socket; their times are those of their arrival."""
+def test_frames_have_kernel_time_stamps(vcan: Any) -> None:
+    """While the process is busy, frames wait in the socket; their times are their times of arrival."""
 
     async def script(clock: Clock, sender: Node, receiver: Node) -> None:
         before = clock.now()
@@ -121,17 +121,17 @@ def test_frames_have_the_kernels_times_and_come_at_once_after_a_pause(vcan: Any)
 
 
 @pytest.mark.parametrize("gone", ["down", "deleted"])
-def test_an_interface_that_comes_back_in_time_goes_on_and_says_so(vcan: Any, gone: str) -> None:
+def test_short_interface_outage_is_reported(vcan: Any, gone: str) -> None:
     async def script(clock: Clock, sender: Node, receiver: Node) -> None:
         sender.wire.send(FRAMES[:1])
         await receiver.until(lambda: len(receiver.frames) == 1)
         vcan.down() if gone == "down" else vcan.delete()
         for node in (sender, receiver):
-            await node.until(lambda node=node: told(node, ErrorClass.INTERFACE_DOWN))  # type: ignore[misc]
+            await node.until(lambda node=node: reported_in_band(node, ErrorClass.INTERFACE_DOWN))  # type: ignore[misc]
         await clock.sleep_until(clock.now() + 0.3)
         vcan.up() if gone == "down" else vcan.add()
         for node in (sender, receiver):
-            await node.until(lambda node=node: told(node, ErrorClass.RESTARTED))  # type: ignore[misc]
+            await node.until(lambda node=node: reported_in_band(node, ErrorClass.RESTARTED))  # type: ignore[misc]
         sender.wire.send(FRAMES[2:3])
         await receiver.until(lambda: receiver.frames[-1] == FRAMES[2])
         assert [frame for frame in receiver.frames if not frame.error] == [FRAMES[0], FRAMES[2]]
@@ -140,14 +140,12 @@ def test_an_interface_that_comes_back_in_time_goes_on_and_says_so(vcan: Any, gon
     on_bus(vcan.url, script, (), ())
 
 
-def told(node: Node, matter: ErrorClass) -> bool:
-    """Whether the wire said this in band."""
+def reported_in_band(node: Node, matter: ErrorClass) -> bool:
+    """Return whether the wire reported this in band."""
     return encode_error(CanErrorReport(matter)) in node.frames
 
 
-def test_an_interface_that_stays_away_ends_the_wire_with_one_line(
-    vcan: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_interface_outage_ends_wire(vcan: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(can_wire, "LINK_PATIENCE_S", 0.5)
 
     async def script(clock: Clock, node: Node) -> None:
@@ -164,7 +162,7 @@ def test_an_interface_that_stays_away_ends_the_wire_with_one_line(
     on_bus(vcan.url, script, ())
 
 
-def test_an_interface_that_is_down_says_how_it_could_be_opened(vcan: Any) -> None:
+def test_interface_down_message_has_remedy(vcan: Any) -> None:
     async def script(clock: Clock) -> None:
         vcan.down()
         with pytest.raises(TransportUnavailable, match=f"is down; `sudo ip link set {vcan.name} up`"):

@@ -1,4 +1,4 @@
-"""Fixtures for tests of the page: a browser, and commands that serve a page in processes of their own."""
+"""Fixtures for page tests: a browser, and commands that serve a page in separate processes."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ REQUIRED = "HIL_BRIDGE_REQUIRE_CHROMIUM"
 
 @pytest_asyncio.fixture
 async def page() -> AsyncIterator[Page]:
-    """A page of a headless Chromium."""
+    """Provide a page of a headless Chromium."""
     if found() is None:
         if os.environ.get(REQUIRED):
             pytest.fail(f"{REQUIRED} is set and there is no Chromium")
@@ -27,10 +27,10 @@ async def page() -> AsyncIterator[Page]:
 
 @pytest.fixture
 def serving() -> Iterator[list[Serving]]:
-    """Commands that serve a page. What is left of them is ended."""
-    begun: list[Serving] = []
-    yield begun
-    for one in begun:
+    """Provide commands that serve a page; remaining processes are ended."""
+    servings: list[Serving] = []
+    yield servings
+    for one in servings:
         if one.process.poll() is None:
             one.process.send_signal(signal.SIGKILL)
             one.process.wait()
@@ -38,7 +38,7 @@ def serving() -> Iterator[list[Serving]]:
 
 @pytest.fixture
 def web_run(tmp_path: Path, serving: list[Serving]) -> Callable[..., WebRun]:
-    """Starts runs with a page."""
+    """Provide a function that starts runs with a page."""
 
     def start(*arguments: str, config: str = "") -> WebRun:
         folder = tmp_path / str(len(serving))

@@ -1,4 +1,4 @@
-"""A client of Foxglove's protocol, over a real WebSocket."""
+"""Client of Foxglove's protocol, over a real WebSocket."""
 
 import json
 import struct
@@ -14,34 +14,34 @@ from tools.web_run import WebRun
 async def foxglove(
     session: aiohttp.ClientSession, run: WebRun, seconds: float, protocol: str = "foxglove.sdk.v1"
 ) -> dict[str, Any]:
-    """Channels and, for so long, the messages of all of them: values of JSON, or the bytes of another encoding.
+    """Return the channels and, for this long, the messages of all of them: JSON values, or bytes in another encoding.
 
     Reference: the protocol's specification: `advertise` and `subscribe` are JSON, a message is the byte 1, its
     subscription and its time, little-endian.
     """
-    found: dict[str, Any] = {"channels": {}, "messages": {}}
+    result: dict[str, Any] = {"channels": {}, "messages": {}}
     until = time.monotonic() + seconds
     async with session.ws_connect(f"{run.origin}/", protocols=(protocol,), max_msg_size=0) as socket:
         topics: dict[int, str] = {}
         while time.monotonic() < until:
             with suppress(TimeoutError):
-                told = await socket.receive(timeout=0.5)
-                if told.type is aiohttp.WSMsgType.TEXT:
-                    message = json.loads(told.data)
-                    found.setdefault(message["op"], message)
+                received = await socket.receive(timeout=0.5)
+                if received.type is aiohttp.WSMsgType.TEXT:
+                    message = json.loads(received.data)
+                    result.setdefault(message["op"], message)
                     if message["op"] == "advertise":
-                        wanted = []
+                        subscriptions = []
                         for channel in message["channels"]:
-                            found["channels"][channel["topic"]] = channel
+                            result["channels"][channel["topic"]] = channel
                             topics[channel["id"]] = channel["topic"]
-                            wanted.append({"id": channel["id"], "channelId": channel["id"]})
-                        await socket.send_json({"op": "subscribe", "subscriptions": wanted})
-                elif told.type is aiohttp.WSMsgType.BINARY:
-                    kind, subscription, at = struct.unpack_from("<BIQ", told.data)
+                            subscriptions.append({"id": channel["id"], "channelId": channel["id"]})
+                        await socket.send_json({"op": "subscribe", "subscriptions": subscriptions})
+                elif received.type is aiohttp.WSMsgType.BINARY:
+                    kind, subscription, at = struct.unpack_from("<BIQ", received.data)
                     assert kind == 1
-                    name, data = topics[subscription], told.data[13:]
-                    row = (at, json.loads(data) if found["channels"][name]["encoding"] == "json" else data)
-                    found["messages"].setdefault(name, []).append(row)
+                    name, data = topics[subscription], received.data[13:]
+                    row = (at, json.loads(data) if result["channels"][name]["encoding"] == "json" else data)
+                    result["messages"].setdefault(name, []).append(row)
                 else:
                     break
-    return found
+    return result

@@ -1,4 +1,4 @@
-"""Which requests the server of a page takes, and how many."""
+"""Requests that the page's server accepts, and how many."""
 
 import pytest
 
@@ -9,7 +9,7 @@ OURS = "127.0.0.1:8000"
 
 
 @pytest.mark.parametrize(
-    ("host", "origin", "taken"),
+    ("host", "origin", "is_accepted"),
     [
         (OURS, None, True),
         (OURS, f"http://{OURS}", True),
@@ -30,27 +30,29 @@ OURS = "127.0.0.1:8000"
         ("localhost@evil.example", None, False),
     ],
 )
-def test_only_loopback_and_named_origins_are_taken(host: str, origin: str | None, taken: bool) -> None:
-    assert (not Admission("token", (OTHER,)).refusal(host, origin)) is taken
+def test_admission_accepts_loopback_and_named_origins(
+    host: str, origin: str | None, is_accepted: bool
+) -> None:
+    assert (not Admission("token", (OTHER,)).refusal(host, origin)) is is_accepted
 
 
-def test_only_the_whole_token_ends_a_run() -> None:
+def test_only_complete_token_ends_a_run() -> None:
     admission = Admission("a-long-token")
     assert admission.may_end("a-long-token")
     assert not any(map(admission.may_end, ("", "a-long-toke", "a-long-token ", "A-long-token", "\ud800")))
 
 
-def test_a_bucket_lets_through_its_rate_and_no_more() -> None:
+def test_bucket_limits_the_rate() -> None:
     now = 0.0
     bucket = Bucket(10.0, 5.0, lambda: now)
-    taken = 0
+    accepted = 0
     for _ in range(1000):  # 10 s of 100 a second
-        taken += bucket.take()
+        accepted += bucket.take()
         now += 0.01
-    assert 5 + 98 <= taken <= 5 + 101
+    assert 5 + 98 <= accepted <= 5 + 101
 
 
-def test_no_script_of_elsewhere_may_run() -> None:
+def test_headers_forbid_external_scripts() -> None:
     assert "unsafe" not in CSP
     assert "*" not in CSP
     assert CSP.startswith("default-src 'none'")

@@ -1,4 +1,4 @@
-"""The run's side of its page: what it hears, what it sends and when, and what it drops. No process is started."""
+"""Run side of the page: what it receives, sends and drops, and when. No process is started."""
 
 import asyncio
 import os
@@ -21,7 +21,7 @@ from tests.record.written_recordings import cycle as written_cycle
 
 @dataclass
 class Ends:
-    """A feed, the socket of its serving process, and what the run was told."""
+    """Feed, the socket of its serving process, and the notifications to the run."""
 
     feed: Feed
     other: socket.socket
@@ -31,8 +31,8 @@ class Ends:
     def listen(self) -> None:
         self.feed.listen(lambda: self.retracted.append("retract"), self.gone.append)
 
-    def heard(self) -> list[wire.Message]:
-        """Messages that have come."""
+    def decoded_messages(self) -> list[wire.Message]:
+        """Return the messages received so far."""
         messages: list[wire.Message] = []
         while True:
             try:
@@ -42,8 +42,8 @@ class Ends:
             messages.append(wire.decode_message(data))
 
     def counts(self) -> list[int]:
-        """Records of each message that has come."""
-        return [len(one.items) for one in self.heard() if isinstance(one, wire.Records)]
+        """Return the records of each received message."""
+        return [len(one.items) for one in self.decoded_messages() if isinstance(one, wire.Records)]
 
 
 @pytest.fixture
@@ -51,10 +51,10 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ends]:
     kept: list[int] = []
 
     def started(
-        sockets: Sequence[int], token: str, origins: Sequence[str], told: IO[bytes]
+        sockets: Sequence[int], token: str, origins: Sequence[str], output: IO[bytes]
     ) -> "subprocess.Popen[bytes]":
         kept.append(os.dup(sockets[0]))
-        told.write(b"the last line\n")
+        output.write(b"the last line\n")
         return subprocess.Popen([sys.executable, "-c", ""])
 
     monkeypatch.setattr(feeding, "_start", started)
@@ -70,17 +70,17 @@ def event(number: int) -> EventRecord:
 
 
 def cycle(at: float) -> CycleRecord:
-    """A cycle that ended at this time."""
+    """Return a cycle that ended at this time."""
     return written_cycle(0, at - 0.16)
 
 
 async def pause() -> None:
-    """Let the loop take what lies in its sockets: it looks at them at every turn, and no time passes."""
+    """Let the loop read its sockets: it polls them at every turn, and no time passes."""
     for _ in range(16):
         await asyncio.sleep(0)
 
 
-async def test_one_word_alone_retracts(ends: Ends) -> None:
+async def test_feed_retracts_only_on_exact_command(ends: Ends) -> None:
     ends.listen()
     for word in (b"retrac", b"retract!", b"RETRACT", b"x"):
         ends.other.send(word)
@@ -91,23 +91,23 @@ async def test_one_word_alone_retracts(ends: Ends) -> None:
     assert (ends.retracted, ends.gone) == (["retract"], [])
 
 
-async def test_the_end_of_the_server_is_told_once_with_its_last_line(ends: Ends) -> None:
+async def test_feed_reports_server_end_once_with_last_line(ends: Ends) -> None:
     ends.listen()
     ends.other.close()
     await pause()
-    said = list(ends.gone)
+    lines = list(ends.gone)
     assert not asyncio.get_running_loop().remove_reader(ends.feed._socket.fileno()), (
         "a dead socket would be read for ever"
     )
     ends.feed.pulse(1.0, Health())
-    assert said == ends.gone == ["the page's server has ended: the last line"]
+    assert lines == ends.gone == ["the page's server has ended: the last line"]
     assert ends.retracted == []
     ends.feed.put(event(1))
     ends.feed.flush()
-    assert ends.feed.dropped == 0  # nothing is gathered any more
+    assert ends.feed.dropped == 0  # records are no longer collected
 
 
-def test_a_batch_goes_when_it_is_full_or_old(ends: Ends) -> None:
+def test_feed_sends_full_or_old_batch(ends: Ends) -> None:
     ends.feed.put(event(0))
     ends.feed.cycle(cycle(BATCH_S * 0.99))
     assert ends.counts() == []
@@ -121,11 +121,11 @@ def test_a_batch_goes_when_it_is_full_or_old(ends: Ends) -> None:
     ends.feed.cycle(cycle(BATCH_S * 1.5))
     assert ends.counts() == [BATCH_RECORDS]
     ends.feed.put(event(1))
-    ends.feed.cycle(cycle(0.0))  # a clock that went back: the batch is not kept for ever
+    ends.feed.cycle(cycle(0.0))  # the clock went back: the batch is not kept forever
     assert ends.counts() == [1]
 
 
-def test_records_beyond_what_may_wait_are_counted(ends: Ends) -> None:
+def test_feed_counts_records_beyond_queue(ends: Ends) -> None:
     for number in range(WAITING_RECORDS + 3):
         ends.feed.put(event(number))
     assert ends.feed.dropped == 3
@@ -134,10 +134,10 @@ def test_records_beyond_what_may_wait_are_counted(ends: Ends) -> None:
         WAITING_RECORDS % BATCH_RECORDS
     ]
     ends.feed.pulse(2.5, Health(), "a check", "a warning")
-    assert ends.heard() == [wire.Pulse(2.5, Health(), 3, "a check", "a warning")]
+    assert ends.decoded_messages() == [wire.Pulse(2.5, Health(), 3, "a check", "a warning")]
 
 
-def test_a_record_too_large_for_a_message_is_dropped_alone(ends: Ends) -> None:
+def test_feed_drops_only_the_oversized_record(ends: Ends) -> None:
     ends.feed.put(EventRecord(0.0, EventKind.CHECK, "x" * wire.MOST_BYTES))
     ends.feed.flush()
     ends.feed.put(event(1))

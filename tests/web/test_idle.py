@@ -1,4 +1,4 @@
-"""Connections that are opened and say nothing: they keep no client from the page."""
+"""Idle connections do not block other clients of the page."""
 
 import asyncio
 import socket
@@ -17,7 +17,7 @@ from hil_bridge.show.web.server import CONNECTIONS, Server
 pytestmark = pytest.mark.live
 IDLE = CONNECTIONS + 16
 PROMPT_S = 2.0
-"""Time in which a page is served, also on a busy machine."""
+"""Longest time for serving a page, also on a busy machine."""
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
@@ -38,7 +38,7 @@ class Nothing:
 
 @asynccontextmanager
 async def served() -> AsyncIterator[int]:
-    """A page's server in this process; its port."""
+    """Serve a page in this process; return its port."""
     source = Nothing()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setblocking(False)
@@ -51,7 +51,7 @@ async def served() -> AsyncIterator[int]:
 
 
 async def answer_s(port: int) -> float:
-    """Time until a new client has the page, s."""
+    """Return the time until a new client has the page, s."""
     began = time.monotonic()
     async with (
         asyncio.timeout(30.0),
@@ -63,18 +63,18 @@ async def answer_s(port: int) -> float:
     return time.monotonic() - began
 
 
-async def opened(port: int, count: int, data: bytes = b"") -> list[Streams]:
+async def open_connection(port: int, count: int, data: bytes = b"") -> list[Streams]:
     connections = []
     for _ in range(count):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(data)
         connections.append((reader, writer))
-    await answer_s(port)  # the server takes connections in their order: it has them all
+    await answer_s(port)  # the server accepts connections in order: it has accepted all
     return connections
 
 
 SLOW = b"GET / HTTP/1.1\r\nHost: 127.0.0.1"
-"""A request that never ends."""
+"""Request that never ends."""
 
 
 @pytest.mark.parametrize(
@@ -82,19 +82,19 @@ SLOW = b"GET / HTTP/1.1\r\nHost: 127.0.0.1"
     [b"", SLOW, b"GET /static/page.css HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"],
     ids=["idle", "slow", "asked-once"],
 )
-async def test_a_crowd_keeps_no_client_from_the_page(data: bytes) -> None:
+async def test_many_connections_do_not_block_a_client(data: bytes) -> None:
     async with served() as port:
-        crowd = await opened(port, IDLE, data)
+        crowd = await open_connection(port, IDLE, data)
         for _ in range(3):
             assert await answer_s(port) < PROMPT_S
         for _, writer in crowd:
             writer.transport.abort()
 
 
-async def test_pages_that_are_live_stay_when_a_crowd_comes() -> None:
+async def test_live_pages_survive_many_connections() -> None:
     async with served() as port, aiohttp.ClientSession() as session:
         live = await session.ws_connect(f"http://127.0.0.1:{port}/live")
-        crowd = await opened(port, 2 * IDLE)
+        crowd = await open_connection(port, 2 * IDLE)
         assert await answer_s(port) < PROMPT_S
         assert not live.closed
         await live.ping()
@@ -105,10 +105,10 @@ async def test_pages_that_are_live_stay_when_a_crowd_comes() -> None:
         await live.close()
 
 
-async def test_a_connection_that_asks_for_nothing_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_idle_connection_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serving, "FIRST_S", 0.2)
     async with served() as port:
-        [(reader, writer)] = await opened(port, 1)
+        [(reader, writer)] = await open_connection(port, 1)
         async with asyncio.timeout(10.0):
             with suppress(ConnectionResetError):
                 assert await reader.read() == b""

@@ -1,4 +1,4 @@
-"""The page of a run in a real browser, its server against clients that mean ill, and Foxglove's protocol."""
+"""Page of a run in a real browser, its server with hostile clients, and Foxglove's protocol."""
 
 import asyncio
 import json
@@ -39,26 +39,26 @@ jr3.gateway.boot_s = 0.2
 [task]
 retract_mm = 1.0
 """
-"""A short way to the surface, and back, and a sensor that answers soon."""
+"""Short distance to the surface and back, and a sensor that responds quickly."""
 LIMIT = "[limits]\nforce_limit_n = 15.0\n"
-"""A limit that the wanted 10 N come near to."""
+"""Limit close to the target force of 10 N."""
 LONG = f"{NEAR}[run]\nduration_s = 60.0\n"
 RETRACT = {"do": "retract and end"}
 MB = 1 << 20
 
 
 @asynccontextmanager
-async def cuttable(port: int) -> AsyncIterator["Way"]:
-    """A way to a port of loopback that can be cut."""
-    way = Way(port)
-    await way.mend()
+async def cuttable(port: int) -> AsyncIterator["CuttablePath"]:
+    """Provide a connection to a loopback port that can be cut."""
+    path = CuttablePath(port)
+    await path.mend()
     try:
-        yield way
+        yield path
     finally:
-        await way.cut()
+        await path.cut()
 
 
-class Way:
+class CuttablePath:
     def __init__(self, port: int) -> None:
         self._to, self.port = port, 0
         self._server: asyncio.Server | None = None
@@ -92,10 +92,10 @@ def text(name: str) -> str:
     return f"document.getElementById('{name}')?.textContent"
 
 
-async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
+async def test_browser_shows_run_cut_and_alarm(
     page: Page, web_run: Callable[..., WebRun], tmp_path: Path
 ) -> None:
-    """Start, live data, limits, a cut and the way back, an alarm after an injected fault, the end with its cause."""
+    """Start, live data, limits, a cut and the recovery, an alarm after an injected fault, the end with its cause."""
     run = web_run(
         "--duration",
         "40",
@@ -103,12 +103,12 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
         "run.mcap",
         config=NEAR + LIMIT + FAULT.format(2.5),
     )
-    async with cuttable(run.port) as way:
-        await page.open(f"http://127.0.0.1:{way.port}/")
+    async with cuttable(run.port) as path:
+        await page.open(f"http://127.0.0.1:{path.port}/")
         await page.until("window.hilPage && hilPage.charts.sources.cycle.x.length > 3")
         assert "EMULATED" in await page.value(text("cell"))
         assert await page.value("document.getElementById('end').hidden")  # no token, no button
-        limits = "hilPage.charts.charts[0].told.limits.map(one => one.value).join()"
+        limits = "hilPage.charts.charts[0].spec.limits.map(one => one.value).join()"
         assert await page.value(limits) == "15,-10"
         chart = Chart("force", "", "N", limits=[Limit(15.0, ""), Limit(-10.0, "")], zero=True, least_span=2.0)
         for low, high in (
@@ -118,20 +118,20 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
             (-4.0, 3.0),
             (-6.0, 3.0),
         ):  # pictures have the same rule
-            shown = await page.value(f"hilPage.charts.range(hilPage.charts.charts[0], {low}, {high})")
-            assert shown == pytest.approx(y_range(chart, low, high))
-            assert (shown[1] > 15.0, shown[0] < -10.0) == (high > 7.5, low < -5.0)
+            output = await page.value(f"hilPage.charts.range(hilPage.charts.charts[0], {low}, {high})")
+            assert output == pytest.approx(y_range(chart, low, high))
+            assert (output[1] > 15.0, output[0] < -10.0) == (high > 7.5, low < -5.0)
         await page.until(f"{text('phase')} === 'track'")
-        # the limit is a line of its colour in the canvas: a row of which every pixel or two is red
+        # the limit is a red line in the canvas: a row in which at least every second pixel is red
         red = """(() => { const u = hilPage.charts.charts[0].plot, y = Math.round(u.valToPos(15, 'y', true));
           const {left, width} = u.bbox, row = u.ctx.getImageData(left, y - 1, width, 3).data; let count = 0;
           for (let k = 0; k < row.length; k += 4) if (row[k] > 150 && row[k + 1] < 90 && row[k + 2] < 90) count++;
           return count > width / 3; })()"""
         await page.until(red)
-        await way.cut()
+        await path.cut()
         await page.until("!document.getElementById('cut').hidden")
         assert "trying again" in await page.value(text("cut"))
-        await way.mend()
+        await path.mend()
         await page.until(f"{text('link')} === 'live' && document.getElementById('cut').hidden")
         await page.until(
             "!document.getElementById('cause').hidden || !document.getElementById('outcome').hidden"
@@ -140,21 +140,21 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
         await page.until("!document.getElementById('outcome').hidden")
         outcome = await page.value(text("outcome"))
         motion = await page.value("document.getElementById('motion').innerText")
-        assert motion.split("\n")[-1] == "the run is stopped"  # the last cycle's word stands no more
+        assert (
+            motion.split("\n")[-1] == "the run is stopped"
+        )  # the state of the last cycle is no longer shown
         assert outcome.startswith("Stopped:")
         titles = "[...document.querySelectorAll('.hil-title')].map(one => one.textContent)"
         assert (await page.value(titles))[0].endswith("N · force limit 15 · pull limit −10")
     assert run.ended() == 3
     cause = read(tmp_path / "0" / "run.mcap").end["text"]
     assert cause
-    assert "?" not in outcome, "what follows the ? of a URL drowns the rest"
+    assert "?" not in outcome, "the query of a URL is omitted"
     assert cause in outcome
     assert [one for one in page.errors if "ERR_CONNECTION" not in one and "WebSocket" not in one] == []
 
 
-async def test_the_page_retracts_and_ends_the_run(
-    page: Page, web_run: Callable[..., WebRun], tmp_path: Path
-) -> None:
+async def test_page_retracts_and_ends_run(page: Page, web_run: Callable[..., WebRun], tmp_path: Path) -> None:
     run = web_run("--record", "run.mcap", config=LONG)
     await page.open(run.url)
     await page.until(f"{text('phase')} === 'track'")
@@ -172,53 +172,50 @@ async def test_the_page_retracts_and_ends_the_run(
     assert page.errors == []
 
 
-def resident(process: int) -> int:
-    """Memory of a process, bytes."""
+def resident_bytes(process: int) -> int:
+    """Return the memory use of a process, bytes."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-async def status(session: aiohttp.ClientSession, url: str, method: str = "GET", **told: Any) -> int:
-    async with session.request(method, url, **told) as answer:
+async def status(session: aiohttp.ClientSession, url: str, method: str = "GET", **options: Any) -> int:
+    async with session.request(method, url, **options) as answer:
         return answer.status
 
 
-async def test_foxglove_gets_every_record_without_a_gap(
-    web_run: Callable[..., WebRun], tmp_path: Path
-) -> None:
+async def test_foxglove_receives_every_record(web_run: Callable[..., WebRun], tmp_path: Path) -> None:
     run = web_run("--record", "run.mcap", "--duration", "3", config=NEAR)
     async with aiohttp.ClientSession() as session:
-        found = await foxglove(session, run, 60.0)
+        result = await foxglove(session, run, 60.0)
     assert run.ended() == 0
-    assert found["serverInfo"]["capabilities"] == []  # nothing can be written
-    json_channels = {name for name, one in found["channels"].items() if one["encoding"] == "json"}
+    assert result["serverInfo"]["capabilities"] == []  # nothing can be written
+    json_channels = {name for name, one in result["channels"].items() if one["encoding"] == "json"}
     assert json_channels == {topic.name for topic in (*TOPICS, *SCENE_TOPICS)}
     for topic in (*TOPICS, *SCENE_TOPICS):
-        channel = found["channels"][topic.name]
+        channel = result["channels"][topic.name]
         assert channel["schemaName"] == topic.schema_name
         assert json.loads(channel["schema"]) == json.loads(json.dumps(topic.schema))
     recording = read(tmp_path / "0" / "run.mcap")
-    cycles = [message["cycle"] for _, message in found["messages"]["/cycle"]]
+    cycles = [message["cycle"] for _, message in result["messages"]["/cycle"]]
     assert cycles == list(range(cycles[0], recording.cycles[-1].cycle + 1))
     forces = {cycle.cycle: cycle.force for cycle in recording.cycles}
-    assert all(forces[message["cycle"]] == message["force"] for _, message in found["messages"]["/cycle"])
-    sequences = [message["sequence"] for _, message in found["messages"]["/sensor"]]
+    assert all(forces[message["cycle"]] == message["force"] for _, message in result["messages"]["/cycle"])
+    sequences = [message["sequence"] for _, message in result["messages"]["/sensor"]]
     recorded = [frame.sequence for frame in recording.sensors]
     assert sequences == recorded[recorded.index(sequences[0]) :]
-    assert found["messages"]["/scene/tool"]
+    assert result["messages"]["/scene/tool"]
 
 
-async def test_clients_that_mean_ill_are_refused_or_dropped(
-    web_run: Callable[..., WebRun], tmp_path: Path
-) -> None:
-    """Other hosts and origins, wrong tokens, giant frames, floods and a client that reads nothing: none has an effect
-    on the run, none costs memory.
+async def test_hostile_clients_are_refused_or_dropped(web_run: Callable[..., WebRun], tmp_path: Path) -> None:
+    """Other hosts and origins, wrong tokens, giant frames, floods and a client that reads nothing.
+
+    None affects the run, and none costs memory.
     """
     run = web_run("--record", "run.mcap", config=LONG)
     end, live = f"{run.origin}/end", f"{run.origin}/live"
     evil = {"Origin": "http://evil.example"}
     async with aiohttp.ClientSession() as session:
         assert await status(session, run.origin) == 200
-        before = resident(run.server())
+        before = resident_bytes(run.server())
         assert await status(session, run.origin, headers={"Host": "evil.example"}) == 403
         assert await status(session, run.origin, headers=evil) == 403
         assert (
@@ -243,16 +240,16 @@ async def test_clients_that_mean_ill_are_refused_or_dropped(
             async with session.ws_connect(run.origin + path, protocols=protocols) as giant:
                 with suppress(ConnectionError):
                     await giant.send_str("x" * (4 * MB))
-                assert await closed(giant) in (aiohttp.WSCloseCode.MESSAGE_TOO_BIG, 1006, None)
+                assert await close_code(giant) in (aiohttp.WSCloseCode.MESSAGE_TOO_BIG, 1006, None)
             async with session.ws_connect(run.origin + path, protocols=protocols) as flood:
                 with suppress(ConnectionError):
                     for _ in range(1000):
                         await flood.send_str('{"op": "subscribe", "subscriptions": []}')
-                assert await closed(flood) in (1008, 1003, 1006, None)
+                assert await close_code(flood) in (1008, 1003, 1006, None)
         async with session.ws_connect(live) as nonsense:
             await nonsense.send_str("[" * 10_000)
-            assert await closed(nonsense) == aiohttp.WSCloseCode.UNSUPPORTED_DATA
-        deaf = [await silent(run.port, path) for path in ("/live", "/", "/live", "/live")]
+            assert await close_code(nonsense) == aiohttp.WSCloseCode.UNSUPPORTED_DATA
+        deaf = [await open_silent(run.port, path) for path in ("/live", "/", "/live", "/live")]
         idle = [await asyncio.open_connection("127.0.0.1", run.port) for _ in range(100)]
         crowd: list[Any] = []
         with suppress(aiohttp.WSServerHandshakeError, ConnectionError, aiohttp.ClientError):
@@ -264,8 +261,8 @@ async def test_clients_that_mean_ill_are_refused_or_dropped(
         for socket in crowd:
             await socket.close()
         await asyncio.sleep(0.5)
-        assert resident(run.server()) - before < 40 * MB
-        await pressed(session, live)  # a run that has not moved leaves no record of a movement
+        assert resident_bytes(run.server()) - before < 40 * MB
+        await wait_until_tracking(session, live)  # a run that has not moved leaves no record of a movement
         assert await status(session, end, "POST", json=RETRACT, headers=good) == 200
     assert run.ended() == 130
     recording = read(tmp_path / "0" / "run.mcap")
@@ -273,17 +270,17 @@ async def test_clients_that_mean_ill_are_refused_or_dropped(
     assert not [event for event in recording.events if event.kind == EventKind.STOP]
 
 
-async def pressed(session: aiohttp.ClientSession, live: str) -> None:
-    """Wait until the page tells that the tool tracks the surface."""
+async def wait_until_tracking(session: aiohttp.ClientSession, live: str) -> None:
+    """Wait until the page shows that the tool tracks the surface."""
     async with asyncio.timeout(60.0), session.ws_connect(live) as socket:
         async for message in socket:
             if json.loads(message.data)["now"]["phase"] == "track":
                 return
-    raise AssertionError("the page never told that the tool tracks")
+    raise AssertionError("the page never reported that the tool tracks")
 
 
-async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
-    """Code with which the server closed it, after what it had sent before."""
+async def close_code(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+    """Return the code with which the server closed a WebSocket, after its previous messages."""
     async with asyncio.timeout(20.0):
         with suppress(ConnectionError):
             async for _ in socket:
@@ -291,8 +288,8 @@ async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
     return socket.close_code
 
 
-async def silent(port: int, path: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-    """A WebSocket whose client reads nothing."""
+async def open_silent(port: int, path: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Return a WebSocket whose client reads nothing."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
     writer.write(
         f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -302,9 +299,7 @@ async def silent(port: int, path: str) -> tuple[asyncio.StreamReader, asyncio.St
     return reader, writer
 
 
-def test_the_server_dies_with_a_killed_run_and_the_run_outlives_its_server(
-    web_run: Callable[..., WebRun], tmp_path: Path
-) -> None:
+def test_server_ends_with_run_but_run_survives_server(web_run: Callable[..., WebRun], tmp_path: Path) -> None:
     killed, robbed = web_run(config=LONG), web_run("--record", "run.mcap", "--duration", "1", config=NEAR)
     server = killed.server()
     os.kill(robbed.server(), signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""The panel of an emulated robot on a page: what the run's process hears, what the server refuses, and in a browser."""
+"""Panel of an emulated robot on a page: what the run receives, what the server refuses, and browser operation."""
 
 import asyncio
 import json
@@ -28,7 +28,7 @@ PRESS = {"do": "emergency-stop", "to": "press"}
 
 
 class Lever:
-    """A panel with one lever."""
+    """Panel with one lever."""
 
     def __init__(self) -> None:
         self.at, self.requests = "up", list[Mapping[str, Any]]()
@@ -45,7 +45,7 @@ class Lever:
                 self.requests.append(request)
                 self.at = request["to"]
                 return self.perform({"do": "show"})
-        raise ValueError(f"no action is called {request.get('do')!r}")
+        raise ValueError(f"unknown action {request.get('do')!r}")
 
     @property
     def operated(self) -> LocalPanel:
@@ -55,47 +55,50 @@ class Lever:
 # --- the process of the robot
 
 
-async def test_a_request_is_carried_out_told_and_answered_with_its_number(ends: Ends) -> None:
+async def test_panel_request_is_executed_and_answered(ends: Ends) -> None:
     lever = Lever()
     ends.listen()
     ends.feed.offer(lever.operated)
-    assert [type(one) for one in ends.heard()] == [wire.Panel, wire.PanelState]
+    assert [type(one) for one in ends.decoded_messages()] == [wire.Panel, wire.PanelState]
     ends.feed.show_panel()
-    assert ends.heard() == [], "nothing has changed"
+    assert ends.decoded_messages() == [], "nothing has changed"
     ends.other.send(wire.encode_message(wire.PanelRequest(7, {"do": "lever", "to": "down"})))
     await pause()
-    assert ends.heard() == [wire.PanelState({"lever": "down"}, {"lever": "down"}), wire.PanelResponse(7, "")]
+    assert ends.decoded_messages() == [
+        wire.PanelState({"lever": "down"}, {"lever": "down"}),
+        wire.PanelResponse(7, ""),
+    ]
     ends.other.send(wire.encode_message(wire.PanelRequest(8, {"do": "dance"})))
     await pause()
-    assert ends.heard() == [wire.PanelResponse(8, "no action is called 'dance'")]
+    assert ends.decoded_messages() == [wire.PanelResponse(8, "unknown action 'dance'")]
     lever.at = "up"
     ends.feed.show_panel()
-    assert ends.heard() == [wire.PanelState({"lever": "up"}, {"lever": "up"})]
+    assert ends.decoded_messages() == [wire.PanelState({"lever": "up"}, {"lever": "up"})]
 
 
-async def test_without_a_panel_a_request_does_nothing_and_no_bytes_make_it_raise(ends: Ends) -> None:
+async def test_feed_without_panel_ignores_requests(ends: Ends) -> None:
     ends.listen()
-    asked = wire.encode_message(wire.PanelRequest(1, {"do": "lever", "to": "down"}))
-    ends.other.send(asked)
+    requested = wire.encode_message(wire.PanelRequest(1, {"do": "lever", "to": "down"}))
+    ends.other.send(requested)
     await pause()
-    assert ends.heard() == []
+    assert ends.decoded_messages() == []
     lever = Lever()
     ends.feed.offer(lever.operated)
-    for data in (asked[:-3], b"\xff" * 40, wire.encode_message(wire.PanelResponse(1, ""))):
+    for data in (requested[:-3], b"\xff" * 40, wire.encode_message(wire.PanelResponse(1, ""))):
         ends.other.send(data)
     await pause()
     assert (lever.requests, ends.gone, ends.retracted) == ([], [], [])
 
 
-def test_a_page_is_told_the_panel_once_and_its_state_when_it_changes() -> None:
+def test_page_receives_panel_once_and_state_changes() -> None:
     updates, early, late = PanelUpdates(), Cursor(), Cursor()
     assert updates.updates(early) == {}
     panel = wire.Panel("toy", {"lever": {}}, {})
     updates.take(panel)
     updates.take(wire.PanelState({"lever": "up"}, {}))
-    whole = {"robot": "toy", "controls": {"lever": {}}, "faults": {}}
+    complete = {"robot": "toy", "controls": {"lever": {}}, "faults": {}}
     up = {"rows": [("lever", "up")], "at": {}}
-    assert updates.updates(early) == {"panel": whole, "panel_state": up}
+    assert updates.updates(early) == {"panel": complete, "panel_state": up}
     assert updates.updates(early) == {}
     updates.take(wire.PanelState({"lever": "down"}, {}))
     assert updates.updates(early) == {"panel_state": {"rows": [("lever", "down")], "at": {}}}
@@ -107,7 +110,7 @@ def test_a_page_is_told_the_panel_once_and_its_state_when_it_changes() -> None:
 
 @asynccontextmanager
 async def served(operate: Callable[..., Any] | None) -> AsyncIterator[str]:
-    """A server with a panel in this process; its origin."""
+    """Serve a panel in this process; return the origin."""
     source = Nothing()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setblocking(False)
@@ -142,13 +145,11 @@ GOOD = {TOKEN_HEADER: TOKEN, "Content-Type": "application/json"}
         ({**GOOD, "Sec-Fetch-Site": "cross-site"}, json.dumps(PRESS), 403),
     ],
 )
-async def test_the_panel_wants_the_token_and_the_form_of_the_page(
-    headers: Mapping[str, str], body: str, status: int
-) -> None:
-    asked = []
+async def test_panel_requires_token_and_json(headers: Mapping[str, str], body: str, status: int) -> None:
+    requested = []
 
     async def operate(request: Mapping[str, Any]) -> str:
-        asked.append(request)
+        requested.append(request)
         if request["do"] == "gone":
             raise ConnectionError("the robot's process does not answer")
         return "no" if request["do"] == "refused" else ""
@@ -158,12 +159,12 @@ async def test_the_panel_wants_the_token_and_the_form_of_the_page(
             assert answer.status == status, await answer.text()
             assert "Access-Control-Allow-Origin" not in answer.headers
         async with session.options(f"{origin}/panel", headers={"Origin": "https://others.example"}) as answer:
-            assert answer.status == 405, "a page of another origin that may read may not press"
-    assert bool(asked) == (status in (200, 409, 503))
+            assert answer.status == 405, "a page of another origin may read, but not press"
+    assert bool(requested) == (status in (200, 409, 503))
 
 
 @pytest.mark.live
-async def test_a_page_without_a_panel_has_none_to_press() -> None:
+async def test_page_without_panel_has_no_controls() -> None:
     async with (
         served(None) as origin,
         aiohttp.ClientSession() as session,
@@ -176,7 +177,7 @@ async def test_a_page_without_a_panel_has_none_to_press() -> None:
 
 
 def button(control: str, position: str) -> str:
-    """The button of a control at this position, counted from 0."""
+    """Return the button of a control at this index, from 0."""
     return (
         "[...document.querySelectorAll('.control')]"
         f".find(row => row.querySelector('.name').textContent === '{control}')"
@@ -185,7 +186,7 @@ def button(control: str, position: str) -> str:
 
 
 def row(name: str) -> str:
-    """The text beside a heading of the panel's state."""
+    """Return the text after a heading of the panel's state."""
     return (
         f"[...document.querySelectorAll('.state dt')].find(one => one.textContent === '{name}')"
         ".nextElementSibling.textContent"
@@ -202,7 +203,7 @@ def row(name: str) -> str:
         ("s3", "key", "state"),
     ],
 )
-async def test_a_robot_is_operated_in_the_browser(
+async def test_robot_panel_is_operated_in_browser(
     page: Page, serving: list[Serving], tmp_path: Path, robot: str, power: str, state: str
 ) -> None:
     options = ("--robot-port", "egm+udp://127.0.0.1:9") if robot == "egm" else ()
@@ -236,9 +237,7 @@ async def test_a_robot_is_operated_in_the_browser(
 
 
 @pytest.mark.live
-async def test_the_page_of_a_run_presses_its_robot_and_the_run_stops(
-    page: Page, web_run: Callable[..., WebRun]
-) -> None:
+async def test_emergency_stop_on_run_page_stops_run(page: Page, web_run: Callable[..., WebRun]) -> None:
     run = web_run("--robot", "egm", "--sensor", "netft", "--duration", "60", "--no-record")
     await page.open(run.url)
     await page.until("document.querySelectorAll('#hands .control').length > 3")

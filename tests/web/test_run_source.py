@@ -1,4 +1,4 @@
-"""The values that a page gets of a run: those of its recording, and no more than a bounded part of them."""
+"""Values of a run that a page receives: those of its recording, limited in number."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ from tests.recordings import Recordings
 
 @pytest.fixture
 def stopped(recordings: Recordings) -> tuple[Scene, Recording]:
-    """A run with an emulated cell that an emergency stop ends."""
+    """Return a run with an emulated cell that an emergency stop ends."""
     config = load(WHOLE, faults=[EMERGENCY_STOP])
     scene = Scene(10.0, Setup(config).facts, cell=Setup(config).cell_name.words, limits=config.limits)
     return scene, recordings(WHOLE, faults=[EMERGENCY_STOP])
@@ -37,7 +37,7 @@ def in_order(recording: Recording) -> list[Record]:
     return sorted(records, key=lambda record: times[type(record)](record))
 
 
-def test_messages_come_over_the_socket_as_they_were(stopped: tuple[Scene, Recording]) -> None:
+def test_web_messages_roundtrip_over_socket(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     begin = wire.decode_message(wire.encode_message(wire.Begin(scene, 123)))
     assert begin == wire.Begin(scene, 123)
@@ -45,61 +45,61 @@ def test_messages_come_over_the_socket_as_they_were(stopped: tuple[Scene, Record
     message = wire.decode_message(wire.encode_records(records))
     assert isinstance(message, wire.Records)
     encode = {topic.record: topic.encode for topic in TOPICS}
-    said, heard = (
+    lines, received = (
         [json.loads(encode[type(record)](record)) for record in those]
         for those in (records, wire.records_of(message))
     )
-    assert heard == said
+    assert received == lines
 
 
-def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recording]) -> None:
+def test_page_updates_match_recording(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     source = RunSource(wire.Begin(scene, 0), 0.0)
-    cursor, told, rows = Cursor(), {}, 0
+    cursor, update, rows = Cursor(), {}, 0
     events: list[Any] = []
     for number, record in enumerate(in_order(recording)):
         source.take(record)
         if number % 50 == 0:
-            told = json.loads(msgspec.json.encode(source.update_for(cursor, 0.0)))
-            rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
-            events += told["events"]
+            update = json.loads(msgspec.json.encode(source.update_for(cursor, 0.0)))
+            rows += len(update.get("rows", {}).get("cycle", {}).get("x", ()))
+            events += update["events"]
     source.end(
         wire.End(RunEnd(Outcome.STOPPED, Reason(Cause.ROBOT_STATE, "the emergency stop")).as_metadata())
     )
-    told = json.loads(msgspec.json.encode(source.update_for(cursor, 0.0)))
-    rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
-    events += told["events"]
+    update = json.loads(msgspec.json.encode(source.update_for(cursor, 0.0)))
+    rows += len(update.get("rows", {}).get("cycle", {}).get("x", ()))
+    events += update["events"]
     newest = recording.cycles[-1]
-    assert rows == len(recording.cycles)  # none is thinned at this pace, and none comes twice
-    assert told["now"]["force"] == pytest.approx(newest.force, rel=1e-4, abs=1e-5)
-    assert told["now"]["depth_mm"] == pytest.approx(newest.depth * 1e3, rel=1e-4)
+    assert rows == len(recording.cycles)  # no record is dropped at this pace, and none arrives twice
+    assert update["now"]["force"] == pytest.approx(newest.force, rel=1e-4, abs=1e-5)
+    assert update["now"]["depth_mm"] == pytest.approx(newest.depth * 1e3, rel=1e-4)
     stops = [event for event in recording.events if event.kind == EventKind.STOP]
     assert stops
-    assert told["now"]["cause"] == stops[0].text
-    assert told["end"]["cause"] == "the emergency stop"
+    assert update["now"]["cause"] == stops[0].text
+    assert update["end"]["cause"] == "the emergency stop"
     assert [event["kind"] for event in events] == [event.kind for event in recording.events]
     assert [event["weight"] for event in events if event["kind"] in ("stop", "fault")][:2] == [
         "caution",
         "alarm",
     ]
-    assert "N, N·m" in told["now"]["zero"]
+    assert "N, N·m" in update["now"]["zero"]
     truth = recording.truths[-1]
-    assert told["truth"]["quaternion"] == pytest.approx(truth.quaternion, abs=1e-4)
+    assert update["truth"]["quaternion"] == pytest.approx(truth.quaternion, abs=1e-4)
 
 
-def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene, Recording]) -> None:
+def test_late_page_receives_complete_state(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     source = RunSource(wire.Begin(scene, 0), 0.0)
     for record in in_order(recording):
         source.take(record)
-    told = source.update_for(Cursor(), 0.0)
-    limits = {chart["id"]: chart.get("limits", ()) for chart in told["charts"]["charts"]}
+    update = source.update_for(Cursor(), 0.0)
+    limits = {chart["id"]: chart.get("limits", ()) for chart in update["charts"]["charts"]}
     assert [limit["value"] for limit in limits["force"]] == [
         scene.limits.force_limit_n,
         -scene.limits.pull_limit_n,
     ]
-    assert len(told["rows"]["cycle"]["x"]) == len(recording.cycles)
-    assert told["scene"]["cell"].startswith("EMULATED")
+    assert len(update["rows"]["cycle"]["x"]) == len(recording.cycles)
+    assert update["scene"]["cell"].startswith("EMULATED")
     source.begin(wire.Begin(scene, 0))  # more is known: every page restarts
     again = source.update_for(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
     assert len(again["rows"]["cycle"]["x"]) == len(recording.cycles)
@@ -108,7 +108,7 @@ def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene
 SCALE = ("title", "unit", "zero", "least_span", "log", "quiet_span", "height_px")
 
 
-def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scales(
+def test_live_page_and_report_share_marks_and_scales(
     stopped: tuple[Scene, Recording],
 ) -> None:
     scene, recording = stopped
@@ -130,17 +130,21 @@ def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scal
         (span["text"], span["kind"]) for span in report["spans"]
     ]
     assert "fault" in {span["kind"] for span in live["spans"]}
-    ours, theirs = ({chart["id"]: chart for chart in page["charts"]} for page in (live["charts"], report))
-    common = ours.keys() & theirs.keys()
+    live_charts, report_charts = (
+        {chart["id"]: chart for chart in page["charts"]} for page in (live["charts"], report)
+    )
+    common = live_charts.keys() & report_charts.keys()
     assert common >= {"force", "moments", "depth", "stiffness", "times"}
     for name in common:
-        assert [ours[name].get(key) for key in SCALE] == [theirs[name].get(key) for key in SCALE], name
-        assert [(limit["value"], limit["label"]) for limit in ours[name].get("limits", ())] == [
-            (limit["value"], limit["label"]) for limit in theirs[name].get("limits", ())
+        assert [live_charts[name].get(key) for key in SCALE] == [
+            report_charts[name].get(key) for key in SCALE
+        ], name
+        assert [(limit["value"], limit["label"]) for limit in live_charts[name].get("limits", ())] == [
+            (limit["value"], limit["label"]) for limit in report_charts[name].get("limits", ())
         ], name
 
 
-def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recording]) -> None:
+def test_page_reports_silence_and_unexpected_end(stopped: tuple[Scene, Recording]) -> None:
     source = RunSource(wire.Begin(stopped[0], 0), 100.0)
     source.pulse(wire.Pulse(5.0, Health()), 100.0)
     assert source.update_for(Cursor(), 101.0)["now"]["silent_s"] == 0
@@ -149,7 +153,7 @@ def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recordi
     assert source.update_for(Cursor(), 107.5)["end"]["outcome"] == "gone"
 
 
-def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recording]) -> None:
+def test_long_fast_run_memory_is_bounded(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     cycle = next(cycle for cycle in recording.cycles if cycle.phase == "track")
     columns, source = Columns(0.0, scene.chart_facts), RunSource(wire.Begin(scene, 0), 0.0)
@@ -159,18 +163,18 @@ def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recor
         columns.cycle(record)
         if number % 20 == 0:
             source.take(EventRecord(at, EventKind.MARK, "m" * 10_000))
-    found = columns.since({})["cycle"]
-    assert len(found["x"]) == ROWS
-    forces = found["force"]
+    result = columns.since({})["cycle"]
+    assert len(result["x"]) == ROWS
+    forces = result["force"]
     assert forces.count(50.0) == pytest.approx(ROWS / 2, rel=0.01)  # no peak between two rows is lost
-    assert columns.counts["cycle"] == pytest.approx(2 * ROWS, rel=0.01)  # a row each 40 ms, and its peak
-    assert found["x"] == sorted(found["x"], key=float)  # type: ignore[arg-type]
-    told = source.update_for(Cursor(), 0.0)
-    assert (len(told["events"]), len(told["marks"])) == (EVENTS, EVENTS)
-    assert len(msgspec.json.encode(told)) < 200_000
+    assert columns.counts["cycle"] == pytest.approx(2 * ROWS, rel=0.01)  # one row per 40 ms, and its peak
+    assert result["x"] == sorted(result["x"], key=float)  # type: ignore[arg-type]
+    update = source.update_for(Cursor(), 0.0)
+    assert (len(update["events"]), len(update["marks"])) == (EVENTS, EVENTS)
+    assert len(msgspec.json.encode(update)) < 200_000
 
 
-def test_a_number_that_is_none_becomes_a_gap(stopped: tuple[Scene, Recording]) -> None:
+def test_nan_becomes_a_gap_on_the_page(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     cycle = msgspec.structs.replace(recording.cycles[0], force=float("nan"))
     assert isinstance(cycle, CycleRecord)

@@ -1,4 +1,4 @@
-"""`hil-bridge view` in a real browser: a recording with its slider, and the results of a campaign that continues."""
+"""`hil-bridge view` in a real browser: a recording with its slider, and the results of a running campaign."""
 
 import asyncio
 import sys
@@ -46,7 +46,7 @@ def text(name: str) -> str:
 
 
 async def campaign(folder: Path, *options: str) -> int:
-    """Run the study; its exit code."""
+    """Run the study; return its exit code."""
     command = [sys.executable, "-m", "hil_bridge", "campaign", "study.toml", "--output", "study.sqlite"]
     quiet = asyncio.subprocess.DEVNULL
     process = await asyncio.create_subprocess_exec(*command, *options, cwd=folder, stdout=quiet, stderr=quiet)
@@ -59,10 +59,10 @@ def slide(at_s: float) -> str:
 
 
 @pytest.mark.full
-async def test_a_browser_walks_through_a_recording(
+async def test_browser_plays_back_a_recording(
     page: Page, serving: list[Serving], recordings: Recordings, tmp_path: Path
 ) -> None:
-    """The page begins at the end, with the cause; the slider shows each moment, and play continues from there."""
+    """The page starts at the end, with the cause; the slider shows each moment, and playback continues from there."""
     recording = recordings.path(WHOLE, faults=[EMERGENCY_STOP])
     viewer = Serving(tmp_path, "view", str(recording))
     serving.append(viewer)
@@ -82,19 +82,19 @@ async def test_a_browser_walks_through_a_recording(
     await page.until(f"{text('elapsed')} !== '{before}'")
     await page.until(f"Number(document.getElementById('at').value) > {length_s / 2 + 0.5}")
     await page.value("document.getElementById('play').click()")
-    stands = float(await page.value("document.getElementById('at').value"))
+    position = float(await page.value("document.getElementById('at').value"))
     assert await page.value(text("play")) == "▶"
     await asyncio.sleep(0.3)
-    assert float(await page.value("document.getElementById('at').value")) == pytest.approx(stands, abs=1e-6)
+    assert float(await page.value("document.getElementById('at').value")) == pytest.approx(position, abs=1e-6)
     await page.value(slide(length_s))
     await page.until(f"{text('phase')} === 'stopped' && document.querySelector('#list .alarm')")
     assert page.errors == []
 
 
-async def test_a_band_of_a_report_is_one_entry_of_the_legend(
-    page: Page, recordings: Recordings, tmp_path: Path
-) -> None:
-    """Its entry tells both edges, and switches both. Times have their unit at every chart; minus signs are such."""
+async def test_report_band_is_one_legend_entry(page: Page, recordings: Recordings, tmp_path: Path) -> None:
+    """Its entry shows both edges, and toggles both. Times have their unit at every chart, and minus signs are
+    typographic.
+    """
     recording = recordings(WHOLE)
     report = write_report(recording, summarise(recording), tmp_path)
     await page.open(report.as_uri())
@@ -102,18 +102,18 @@ async def test_a_band_of_a_report_is_one_entry_of_the_legend(
     legend = """[...document.querySelector('[data-chart=force]').querySelectorAll('.u-series')]
       .filter(one => one.offsetParent).map(one => one.querySelector('.u-label').textContent)"""
     assert await page.value(legend) == ["target", "true force", "force", "full stream"]
-    shown = "document.querySelector('[data-chart=force] .u-series:last-child').classList.contains('u-off')"
+    output = "document.querySelector('[data-chart=force] .u-series:last-child').classList.contains('u-off')"
     edge = "document.querySelectorAll('[data-chart=force] .u-series')[{}].classList.contains('u-off')"
     count = await page.value("document.querySelectorAll('[data-chart=force] .u-series').length")
     await page.value("document.querySelector('[data-chart=force] .u-series:last-child th').click()")
-    assert await page.value(shown)
+    assert await page.value(output)
     assert await page.value(edge.format(count - 2))
     assert page.errors == []
 
 
 @pytest.mark.full
-async def test_a_browser_shows_a_bag_of_others(page: Page, serving: list[Serving], tmp_path: Path) -> None:
-    """Charts, figures and choices are those of its saved report. No slider and no cell are made up for it."""
+async def test_browser_displays_external_bag(page: Page, serving: list[Serving], tmp_path: Path) -> None:
+    """Charts, figures and choices are those of its saved report, without a slider or a cell."""
     raw = [wrench(at, (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)) for at, _ in press()[0]]
     bag = pressed(tmp_path / "press", more={"/ft/raw": (WRENCH, raw)})
     choices = BagChoices(topics={"wrench": "/ft/wrench"}, contact_n=2.0)
@@ -122,7 +122,7 @@ async def test_a_browser_shows_a_bag_of_others(page: Page, serving: list[Serving
     await page.open(viewer.url)
     charts = "document.querySelectorAll('.uplot canvas').length"
     await page.until(f"{charts} > 3")
-    shown = await page.value("document.getElementById('body').innerText")
+    output = await page.value("document.getElementById('body').innerText")
     count = await page.value(charts)
     assert await page.value("document.title") == "bag: press"
     assert await page.value(text("link")) == ""
@@ -132,30 +132,30 @@ async def test_a_browser_shows_a_bag_of_others(page: Page, serving: list[Serving
     report = write_report(recording, summarise(recording), tmp_path / "report")
     await page.open(report.as_uri())
     await page.until(f"{charts} === {count}")
-    assert shown.split() == (await page.value("document.body.innerText")).split()
-    assert "force above 2 N" in shown
-    assert "EMULATED" not in shown
+    assert output.split() == (await page.value("document.body.innerText")).split()
+    assert "force above 2 N" in output
+    assert "EMULATED" not in output
     assert errors == []
 
 
-async def test_an_axis_of_names_shows_them_alone(page: Page, tmp_path: Path) -> None:
-    """Places between two names have none, and the value under the cursor is the name."""
+async def test_categorical_axis_shows_only_its_names(page: Page, tmp_path: Path) -> None:
+    """Positions between two names have no label, and the value under the cursor is the name."""
     axis = Axis("results", "", names=["before", "between", "after"])
     chart = Chart("passed", "Runs that passed", "%", [Series("all", "share", "all cells")], axis="place")
     charts = Charts({"place": axis}, [chart], {"all": {"x": [0.0, 1.0, 2.0], "share": [80.0, 90.0, 100.0]}})
     (tmp_path / "names.html").write_text(document("names", room("names", charts)))
     await page.open((tmp_path / "names.html").as_uri())
     await page.until("document.querySelectorAll('.uplot canvas').length === 1")
-    told = in_script(charts)
-    shown = f"""(() => {{ const made = HilCharts.draw(document.body.appendChild(document.createElement('div')), {told});
+    data = in_script(charts)
+    code = f"""(() => {{ const made = HilCharts.draw(document.body.appendChild(document.createElement('div')), {data});
       return [0, 1, 1.5, 2].map(x => made.at('place', x)); }})()"""
-    assert await page.value(shown) == ["before", "between", "", "after"]
+    assert await page.value(code) == ["before", "between", "", "after"]
     assert page.errors == []
 
 
 @pytest.mark.full
-async def test_a_browser_follows_a_campaign(page: Page, serving: list[Serving], tmp_path: Path) -> None:
-    """The page counts runs that another process adds while it is looked at. Its body is that of the saved page."""
+async def test_browser_displays_running_campaign(page: Page, serving: list[Serving], tmp_path: Path) -> None:
+    """The page counts runs that another process adds while it is open. Its body equals that of the saved page."""
     (tmp_path / "study.toml").write_text(STUDY)
     assert await campaign(tmp_path, "--seeds", "1:2") == FAILED
     viewer = Serving(tmp_path, "view", "study.sqlite")
@@ -166,18 +166,18 @@ async def test_a_browser_follows_a_campaign(page: Page, serving: list[Serving], 
     more = asyncio.create_task(campaign(tmp_path))
     await page.until(f"{body}.includes('12 of 12 runs done')")
     assert await more == FAILED
-    await page.until(f"{body}.includes('2 starts')")  # it has ended, and its time is told
-    ways = "document.getElementById('body').innerHTML.split('The run ').length"
-    await page.until(f"{ways} === 13")  # the paragraph of each failing run, from its recording
-    shown = await page.value("document.getElementById('body').innerText")
+    await page.until(f"{body}.includes('2 starts')")  # it has ended, and its time is displayed
+    paths = "document.getElementById('body').innerHTML.split('The run ').length"
+    await page.until(f"{paths} === 13")  # the paragraph of each failing run, from its recording
+    output = await page.value("document.getElementById('body').innerText")
     errors = list(page.errors)
     with Store.open(tmp_path / "study.sqlite") as store:
         (tmp_path / "study.html").write_text(render_page(store))
     await page.open((tmp_path / "study.html").as_uri())
     await page.until("document.readyState === 'complete' && document.querySelector('.badge')")
     saved = await page.value("document.body.innerText")
-    assert [line for line in shown.split() if "study-failed" not in line] == [
+    assert [line for line in output.split() if "study-failed" not in line] == [
         line for line in saved.split() if "study-failed" not in line
     ]
-    assert "12 of 12 did not pass" in shown
+    assert "12 of 12 did not pass" in output
     assert errors == []

@@ -1,4 +1,4 @@
-"""Both gateway clients of a JR3 sensor, each with what goes over its wire."""
+"""Fixtures with both gateway clients of a JR3 sensor and the data on their wires."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_o
 
 @dataclass(frozen=True)
 class Wire:
-    """A client and what goes over its wire: orders and answers as text, samples and noise as data."""
+    """A client and its wire data: orders and answers as text, samples and noise as data."""
 
     name: str
     client: Callable[[Any, float], Any]
@@ -39,65 +39,65 @@ class Wire:
     boot_up: str
     state: str
     scales: tuple[tuple[str, Callable[[list[int]], str]], ...]
-    """Questions for full scales, and the answer to each with six words."""
+    """Requests for full scales, and the answer to each with six words."""
     start: Callable[[str], str]
-    """With a cut-off as it lies on the wire; so is the new filter."""
+    """Start order, with the cut-off as encoded on the wire; likewise the new filter."""
     set_filter: Callable[[str], str]
     zero: str
     stop: str
     second: str
-    """Which order comes after the first, in words."""
+    """Description of the second order after the first."""
     step: float
-    """Time from an acknowledge until the next order may go out, s."""
+    """Time from an acknowledge until the next order may be sent, s."""
     timeout: float
     """Time-out for an acknowledge, s."""
     sample: Callable[[int], Any]
     noise: Any
-    """Malformed once."""
+    """Bytes that count as malformed once."""
     garbage: st.SearchStrategy[Any]
 
     def begin(self, **changes: object) -> Any:
-        """A client that has just begun."""
+        """Return a client that has just started."""
         return self.client(self.profile(**changes), T0)
 
     def session(self, cutoff: str = "E803") -> list[tuple[str, str]]:
-        """The orders up to the stream, each with its answer."""
+        """Orders up to the stream, each with its answer."""
         scales = [(order, answer([115, 111, 185, 56, 52, 61])) for order, answer in self.scales]
         start = [(self.start(cutoff), self.ok)]
         return [(self.state, self.ok), *(start + scales if "start" in self.second else scales + start)]
 
     def orders(self, client: Any, now: float) -> list[str]:
-        """Bytes that the client sends."""
+        """Return the bytes that the client sends."""
         return self.text(client.data_to_send(now))
 
     def exchange(self, client: Any, now: float, answer: str, *, expect: str) -> None:
-        """One order is sent, and answered at once."""
+        """Expect one order and answer it at once."""
         assert self.orders(client, now) == [expect]
         client.receive(self.data(answer), now)
 
     def establish(self, client: Any, now: float, cutoff: str = "E803") -> float:
-        """Lead the client to READY; the time when it may send again."""
+        """Bring the client to READY; return the time when it may send again."""
         for order, answer in self.session(cutoff):
             self.exchange(client, now, answer, expect=order)
             now += self.step
-        settled_at = now - self.step + 0.1
-        assert client.next_deadline() == pytest.approx(settled_at)
-        client.handle_deadline(settled_at + 1e-6)
+        steady_at = now - self.step + 0.1
+        assert client.next_deadline() == pytest.approx(steady_at)
+        client.handle_deadline(steady_at + 1e-6)
         return now + 0.1
 
     def ready(self, **changes: object) -> Any:
-        """A client that has been READY for long at T0 + 10."""
+        """Return a client that has been READY for a while at T0 + 10."""
         client = self.begin(**changes)
         self.establish(client, T0)
         assert self.events(client) == [READY]
         return client
 
     def events(self, client: Any) -> list[SensorEvent]:
-        """Events of the client since the last time."""
+        """Return the client's events since the last call."""
         return list(iter(client.next_event, None))
 
     def feed(self, client: Any, counters: Iterable[int], now: float = T0 + 10) -> list[WrenchFrame]:
-        """The samples that come of these counters."""
+        """Return the samples for these counters."""
         for counter in counters:
             client.receive(self.sample(counter % 65536), now)
         return [event for event in self.events(client) if isinstance(event, WrenchFrame)]

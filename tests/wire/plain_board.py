@@ -1,4 +1,4 @@
-"""A JR3 board of plain words, in fed time: its memory, and what puts its samples there."""
+"""A JR3 board with plain words in simulated time: its memory, and the source of its samples."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -28,11 +28,11 @@ from protocol.devices.jr3.registers import (
 )
 
 EPOCH = 4321.5
-"""Virtual time begins anywhere but at 0."""
+"""Start of virtual time, deliberately not 0."""
 
 
 class Words:
-    """Memory of a board that does commands in no time; filter2 says what is put there."""
+    """Memory of a board that executes commands instantly; filter2 holds fixed values."""
 
     def __init__(self) -> None:
         self.memory = [0] * 0x4000
@@ -88,7 +88,7 @@ def tick(board: Words, counter: int, fz: int = 0, number: int = 2) -> None:
 
 
 def perform(board: Words, sequence: Steps[Any], now: float = EPOCH) -> tuple[Any, list[Step], float]:
-    """Run a sequence straight on a board: what it came to, its steps, and how long it took."""
+    """Run a sequence directly on a board; return its result, its steps, and its duration."""
     steps: list[Step] = []
     begin = now
     try:
@@ -115,8 +115,8 @@ def perform(board: Words, sequence: Steps[Any], now: float = EPOCH) -> tuple[Any
 PROFILE = BoardClientProfile()
 
 
-def told(server: RegisterServer, now: float) -> list[Response | Garbage]:
-    reader, found = response_reader(), list[Response | Garbage]()
+def responses_of(server: RegisterServer, now: float) -> list[Response | Garbage]:
+    reader, result = response_reader(), list[Response | Garbage]()
     while data := server.data_to_send(now):
-        found += reader.feed(data)
-    return found
+        result += reader.feed(data)
+    return result

@@ -1,4 +1,4 @@
-"""A client of a controller over RTDE, and the scripted controller that it talks with."""
+"""An RTDE client of a controller, and the scripted controller that it talks to."""
 
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.client import RtdeClient
@@ -14,7 +14,7 @@ from protocol.robot import ReportReceived, StreamLost, StreamNotice
 
 T0 = 1000.25
 FIRST = 100_001
-"""First sequence number at a controller whose clock shows 100 s."""
+"""First sequence number with a controller whose clock is at 100 s."""
 SIX = (0.4, -0.1, 0.3, 0.0, 3.0, 0.5)
 OUT = Recipe(1, OUTPUT_NAMES, EXPECTED[OUTPUT_NAMES])
 IN = Recipe(3, INPUT_NAMES, EXPECTED[INPUT_NAMES])
@@ -58,12 +58,12 @@ def data(
 
 
 class Talk:
-    """A client, and all that it said and told."""
+    """A client, and everything that it has sent and reported."""
 
     def __init__(self, profile: ClientProfile = NO_DASHBOARD) -> None:
         self.now = T0
         self.client = RtdeClient(profile, T0)
-        self.said: list[Piece] = []
+        self.sent: list[Piece] = []
         self.lost: list[str] = []
         self.notices: list[str] = []
         self.reports: list[str] = []
@@ -79,7 +79,7 @@ class Talk:
                 case ReportReceived(report=report):
                     self.reports.append(str(Trouble(report.fault, report.remedy)))
                     self.client.hold(self.now)
-        self.said += self.client.data_to_send(self.now)
+        self.sent += self.client.data_to_send(self.now)
 
     def hear(self, raw: bytes, port: Port = Port.RTDE) -> None:
         self.client.receive((Piece(port, raw),), self.now)
@@ -96,7 +96,7 @@ class Talk:
         self.now = end
 
     def up_to(self, kind: Kind) -> "Talk":
-        """Let the controller agree to all before this packet."""
+        """Let the controller accept everything before this packet."""
         for each, answer in ANSWERS.items():
             if each is kind:
                 break

@@ -61,14 +61,14 @@ def test_round_trip(raw, stx, form):
 
 
 @pytest.mark.parametrize("style", ["whole", "data"])
-def test_robot_takes_both_length_styles_and_host_only_the_whole(style):
+def test_robot_accepts_both_length_styles_and_host_only_whole(style):
     raw = telegram(bytes(range(0x20, 0x4C)), style)
     block = encode_block(raw)
     assert ROBOT.decode(block) == Block(raw, 2, 57)
     assert isinstance(HOST.decode(block), Block if style == "whole" else Flaw)
 
 
-def test_robot_waits_while_the_shorter_reading_has_a_wrong_check():
+def test_robot_waits_if_the_shorter_block_has_a_wrong_checksum():
     # Data length 12: at byte 12 of the telegram stands a DLE ETX that is data.
     raw = telegram(bytes.fromhex("41 42 43 44 10 03 45 46 47 48 49 4A"), "data")
     block = encode_block(raw)
@@ -81,12 +81,12 @@ def test_robot_reports_a_wrong_check_once_no_reading_is_left():
     block = bytearray(encode_block(telegram(b"1234")))
     block[-1] ^= 1
     assert ROBOT.decode(bytes(block)) is None
-    found = ROBOT.decode(bytes(block) + bytes(8))
-    assert isinstance(found, Flaw)
-    assert (found.whole, found.size) == (True, 17)
+    result = ROBOT.decode(bytes(block) + bytes(8))
+    assert isinstance(result, Flaw)
+    assert (result.whole, result.size) == (True, 17)
 
 
-def test_block_that_holds_dle_etx_is_framed_by_its_length():
+def test_block_with_dle_etx_is_framed_by_its_length():
     raw = telegram(bytes.fromhex("10 03 99 10 03"))
     assert HOST.decode(encode_block(raw)) == Block(raw, 2, 18)
 
@@ -118,11 +118,11 @@ def test_check_character_of_10_is_not_doubled():
         (DOUBLED, "10 02 00 08 10 03 0B", 2),
     ],
 )
-def test_flaw_says_where(form, block, where):
-    found = form.decode(bytes.fromhex(block))
-    assert isinstance(found, Flaw)
-    assert found.at == where
-    assert found.text
+def test_flaw_has_its_offset(form, block, where):
+    result = form.decode(bytes.fromhex(block))
+    assert isinstance(result, Flaw)
+    assert result.at == where
+    assert result.text
 
 
 def tokens(form, pieces):
@@ -157,9 +157,9 @@ stream = st.lists(
 @given(stream, st.lists(st.integers(0, 500), max_size=8), st.sampled_from((HOST, ROBOT, DOUBLED)))
 @settings(max_examples=150)
 def test_any_split_gives_the_same_tokens(data, places, form):
-    whole = tokens(form, [data])
-    assert tokens(form, cuts(data, places)) == whole
-    assert tokens(form, [data[i : i + 1] for i in range(len(data))]) == whole
+    complete = tokens(form, [data])
+    assert tokens(form, cuts(data, places)) == complete
+    assert tokens(form, [data[i : i + 1] for i in range(len(data))]) == complete
 
 
 @given(st.binary(max_size=40).filter(lambda b: 0x10 not in b), telegrams)
@@ -185,16 +185,16 @@ def test_unfinished_block_can_be_dropped():
     assert scanner.feed(b"\x05") == [Control.ENQ]
 
 
-def test_a_receiver_may_end_a_block_at_the_first_trailer():
-    """Then the length is not looked at, and 10 03 inside the data cuts the block short."""
+def test_receiver_may_end_a_block_at_the_first_trailer():
+    """The length is then ignored, and 10 03 inside the data ends the block early."""
     cut = BlockFormat("off", ("whole", "data"), 128, "trailer")
     plain = telegram(bytes.fromhex("41 42 43 44"))
     assert cut.decode(encode_block(plain)) == Block(plain, 2, len(plain) + 5)
     assert cut.decode(encode_block(plain)[:-1]) is None
     holding = encode_block(telegram(bytes.fromhex("41 10 03 44")))
-    found = cut.decode(holding)
-    assert isinstance(found, Flaw)
-    assert found.whole
-    assert found.size < len(holding)
+    result = cut.decode(holding)
+    assert isinstance(result, Flaw)
+    assert result.whole
+    assert result.size < len(holding)
     assert isinstance(cut.decode(b"\x10\x02" + bytes(130)), Flaw)
     assert cut.decode(b"\x10\x02" + bytes(129)) is None

@@ -1,4 +1,4 @@
-"""The state diagrams on the reference page are drawn from the link's table."""
+"""The state diagrams on the reference page match the link's table."""
 
 import runpy
 from pathlib import Path
@@ -12,7 +12,7 @@ TOOL = runpy.run_path(str(ROOT / "tools" / "link_diagrams.py"))
 
 
 def drawn(role):
-    """Every (source, target, stimulus) of a role, of both its diagrams."""
+    """Every (source, target, stimulus) of a role, from both of its diagrams."""
     return {
         (source, target, stimulus)
         for sending in (True, False)
@@ -23,23 +23,23 @@ def drawn(role):
 
 @pytest.mark.parametrize("role", list(Role))
 def test_every_change_of_state_is_an_arrow_once(role):
-    wanted = {
+    expected = {
         (state, target, stimulus.value)
         for (state, stimulus), transition in TRANSITIONS.items()
         for target in transition.next
         if target is not state and (state is not State.LISTENING or target is State.IDLE)
     }
     if LinkProfile().collision_winner == role:
-        wanted.remove((State.BIDDING, State.AWAITING_BLOCK, "ENQ"))
-    assert drawn(role) == wanted
+        expected.remove((State.BIDDING, State.AWAITING_BLOCK, "ENQ"))
+    assert drawn(role) == expected
 
 
-def test_only_the_one_who_gives_way_leaves_its_bid_at_a_collision():
+def test_only_the_losing_end_abandons_its_bid_at_a_collision():
     collision = (State.BIDDING, State.AWAITING_BLOCK, "ENQ")
     assert [collision in drawn(role) for role in (Role.HOST, Role.ROBOT)] == [True, False]
 
 
-def test_where_an_action_has_several_ends_each_has_its_condition():
+def test_each_end_of_an_action_has_its_condition():
     forks = {
         (arrow.action, target)
         for arrow in TRANSITIONS.values()

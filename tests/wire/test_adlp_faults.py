@@ -3,23 +3,23 @@
 The line, at its worst, as `Line` below has it:
 
 - of the bytes handed out at once (a control byte or a block) one is lost, doubled or changed, or all from one byte on
-  are lost. Or all bytes of this side are lost from now on. A changed byte becomes no control byte, one STX does not
-  become the other, and a doubled byte arrives together with its twin. More than that can mean something else than was
-  sent, and no rule of this link could tell: ACK has no number, BCC is one XOR and STX stays outside it;
-- a pause inside a block stays under `gap_timeout_s`, and what is under way is late by at most `LATE`, so that an
+  are lost. Or all further bytes of this side are lost. A changed byte becomes no control byte, one STX does not become
+  the other, and a doubled byte arrives together with its twin. Any more damage can have another meaning than the
+  original, and no rule of this link could detect it: ACK has no number, BCC is one XOR and STX is not included in it;
+- a pause inside a block stays under `gap_timeout_s`, and bytes in transit are late by at most `LATE`, so that an
   answer, a gap time-out before it included, comes within `answer_timeout_s`.
 
 Then, with blocks whose STX alternates and with such that all begin with 02:
 
 - no telegram is delivered twice, none out of order, none that was not sent;
-- what the sender is told to be sent has been delivered, each telegram exactly once;
-- what was not is a link error at the sender, which is told of each message once. A message with an error may have been
+- what is reported to the sender as sent has been delivered, each telegram exactly once;
+- any other message is a link error at the sender, reported once per message. A message with an error may have been
   delivered: the ACK of its last block can be lost as often as the block is repeated;
 - a message of several blocks may be delivered in pieces, since an ACK that comes late looks like a lost EOT;
 - the outcome comes within `longest` of a message, for each message of either side that was waiting.
 
-The last two tests have what alternation is for. The usual run takes the same 200 examples each time, the
-nightly one 10 000 new ones: `HIL_BRIDGE_NIGHTLY=1 pytest tests/wire/test_adlp_faults.py`.
+The last two tests have what alternation is for. The usual run takes the same 200 examples each time, the nightly one 10
+000 new ones: `HIL_BRIDGE_NIGHTLY=1 pytest tests/wire/test_adlp_faults.py`.
 """
 
 import os
@@ -49,13 +49,13 @@ HOST, ROBOT = Role.HOST, Role.ROBOT
 OTHER = {HOST: ROBOT, ROBOT: HOST}
 STARTS = {Control.STX, Control.STX_ODD}
 LATE = 0.8
-"""Longest delay of a byte, s; twice that and the gap time-out are less than the answer time-out."""
+"""Longest delay of a byte, s; twice that plus the gap time-out is less than the answer time-out."""
 PAUSE = 0.2
-"""Longest sum of the pauses inside what was handed out at once, s."""
+"""Longest sum of the pauses inside a chunk, s."""
 
 
 def telegram(role, number):
-    """A telegram that tells its sender, is found once only, and holds DLE ETX ENQ ACK as data."""
+    """Return a unique telegram that identifies its sender, and holds DLE ETX ENQ ACK as data."""
     data = number.to_bytes(2, "big") + bytes((0x10, 0x03, 0x05, 0x06))
     return (8 + len(data)).to_bytes(2, "big") + bytes((role is HOST, 0, 24, 1, 0, 0)) + data
 
@@ -72,7 +72,7 @@ def longest(profile, sizes):
 
 
 class Line:
-    """One direction: bytes under way as [arrival, bytes, chunk, arrival on time], free for more from `free` on."""
+    """One direction: bytes in transit as [arrival, bytes, chunk, arrival on time], free for more from `free` on."""
 
     def __init__(self, character):
         self.character = character
@@ -93,15 +93,15 @@ class Line:
             self.under_way.append([self.free, bytes((byte,)), chunk, self.free])
 
     def take(self, until):
-        """Arrivals, one bytes object a moment; FIFO."""
-        taken = []
+        """Return the arrivals, one bytes object per moment; FIFO."""
+        arrivals = []
         while self.under_way and self.under_way[0][0] <= until:
-            taken.append(self.under_way.pop(0))
-            self.begun = taken[-1][2]
-        return taken
+            arrivals.append(self.under_way.pop(0))
+            self.begun = arrivals[-1][2]
+        return arrivals
 
     def damage(self, position, how):
-        """Once for each chunk; the byte at `position`, counted around."""
+        """Damage a byte, once for each chunk: the byte at `position`, modulo the length."""
         at = position % len(self.under_way)
         chunk = self.under_way[at][2]
         if chunk not in self.damaged:
@@ -118,7 +118,7 @@ class Line:
         self.under_way[at][1] *= 2
 
     def delay(self, position, seconds):
-        """All from one byte on are later, as far as the rules of the line allow."""
+        """Delay all bytes from one on, as far as the rules of the line allow."""
         at = position % len(self.under_way)
         chunk = self.under_way[at][2]
         seconds = min(seconds, *(LATE - (late[0] - late[3]) for late in self.under_way[at:]))
@@ -131,7 +131,7 @@ class Line:
 
 
 class LinkUnderFaults(RuleBasedStateMachine):
-    """Rules are what may happen at any time; what must hold is looked at when the line has come to rest."""
+    """Rules are events that may happen at any time; the invariants are checked once the line is idle."""
 
     @initialize(
         alternation=st.sampled_from(["off", "toggle"]),
@@ -172,21 +172,21 @@ class LinkUnderFaults(RuleBasedStateMachine):
             self.ends[role].announce()
             self.hand_out()
 
-    def has_bytes_under_way(self):
+    def has_bytes_in_transit(self):
         return any(line.under_way for line in self.lines.values())
 
     def line(self, role):
-        """The line of this role, or the other one when nothing is under way on it."""
+        """Return the line of this role, or the other one if nothing is in transit on it."""
         line = self.lines[role]
         return line if line.under_way else self.lines[OTHER[role]]
 
-    @precondition(has_bytes_under_way)
+    @precondition(has_bytes_in_transit)
     @rule(role=roles, position=positions, what=st.sampled_from(["lose_one", "lose_rest", "double"]))
     def damage(self, role, position, what):
         line = self.line(role)
         line.damage(position, getattr(line, what))
 
-    @precondition(has_bytes_under_way)
+    @precondition(has_bytes_in_transit)
     @rule(
         role=roles,
         position=positions,
@@ -203,10 +203,10 @@ class LinkUnderFaults(RuleBasedStateMachine):
 
     @rule(role=roles)
     def cut(self, role):
-        """All bytes from this role are lost from now on, until the mending."""
+        """Lose all bytes from this role until the line is mended."""
         self.lines[role].cut = True
 
-    @precondition(has_bytes_under_way)
+    @precondition(has_bytes_in_transit)
     @rule(role=roles, position=positions, seconds=st.sampled_from([0.003, 0.1, 0.2, 0.25, 0.5, 0.8]))
     def delay(self, role, position, seconds):
         self.line(role).delay(position, seconds)
@@ -218,7 +218,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
                 return
 
     def happen(self):
-        """The next byte or time-out; false when there is none."""
+        """Process the next byte or time-out; false if there is none."""
         times = [line.under_way[0][0] for line in self.lines.values() if line.under_way]
         times += [at for end in self.ends.values() if (at := end.next_deadline()) is not None]
         if not times:
@@ -245,7 +245,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
                         self.settle(role, False)
 
     def settle(self, role, done):
-        """The oldest message without an outcome has one; a bid ahead may fail before there is one."""
+        """The oldest open message has its outcome; an early bid may fail before there is a message."""
         if len(self.outcomes[role]) == len(self.sent[role]):
             assert not done
             return
@@ -313,7 +313,7 @@ def both_ends(alternation, answer_timeout):
 
 
 def carry(source, sink, now):
-    """Bytes that one end hands out, all of them, to the other."""
+    """Carry all bytes that one end hands out to the other."""
     sink.receive(source.data_to_send(now), now)
 
 
@@ -323,8 +323,8 @@ def delivered(link):
 
 
 @pytest.mark.parametrize(("alternation", "times"), [("off", 2), ("toggle", 1)])
-def test_without_alternation_an_early_repeat_is_taken_for_new(alternation, times):
-    """The promise needs a sender whose answer time-out is longer than the receiver's gap time-out, or alternation."""
+def test_without_alternation_an_early_repeat_counts_as_new(alternation, times):
+    """The guarantee needs a sender whose answer time-out is longer than the receiver's gap time-out, or alternation."""
     host, robot = both_ends(alternation, 0.1)
     only = telegram(HOST, 1)
     host.send([only])
@@ -341,8 +341,8 @@ def test_without_alternation_an_early_repeat_is_taken_for_new(alternation, times
 
 
 @pytest.mark.parametrize(("alternation", "times"), [("off", 1), ("toggle", 2)])
-def test_without_alternation_an_equal_block_may_pass_for_a_repeat(alternation, times):
-    """The promise is for telegrams that differ from the one before in the same message, or alternation."""
+def test_without_alternation_an_equal_block_may_count_as_repeat(alternation, times):
+    """The guarantee is for telegrams that differ from the previous one in the same message, or alternation."""
     host, robot = both_ends(alternation, 2.0)
     same = telegram(HOST, 1)
     host.send([same, same])

@@ -31,7 +31,9 @@ SIZE = 1_000_000
 ASK = bytes.fromhex("00 08 01 00 13 01 00 00")
 REPLY = bytes.fromhex("00 08 00 00 13 02 00 00")
 KEPT = 100_000
-"""Bytes allocated at any time, at the most: an end keeps some hundreds, events and bytes in passing are the rest."""
+"""Maximum number of bytes allocated at any time: an end keeps some hundreds, the rest are transient events
+and bytes.
+"""
 
 PIECES = (
     *(bytes((value,)) for value in (0x02, 0x03, 0x04, 0x05, 0x06, 0x0E, 0x0F, 0x10, 0x15, 0x82)),
@@ -43,16 +45,16 @@ PIECES = (
     encode_block(REPLY),
     encode_block(REPLY)[:-1] + b"\x00",
 )
-"""Bytes with a meaning for a link."""
+"""Byte sequences with a meaning for a link."""
 
 
 def uniform(rng, size):
-    """Bytes of all values."""
+    """Return bytes of all values."""
     return rng.randbytes(size)
 
 
 def meaningful(rng, size):
-    """Control bytes, pieces of blocks and blocks, with some noise between."""
+    """Return control bytes, pieces of blocks and blocks, with some noise between them."""
     parts, length = [], 0
     while length < size:
         parts.append(rng.choice(PIECES) if rng.random() < 0.8 else rng.randbytes(rng.randrange(1, 40)))
@@ -61,7 +63,7 @@ def meaningful(rng, size):
 
 
 def feed(link, data, rng, now):
-    """In pieces, with time-outs between; some messages wait to be sent. Returns the time at the end."""
+    """Feed in pieces, with time-outs between them; some messages wait to be sent. Return the time at the end."""
     at = 0
     while at < len(data):
         piece = data[at : at + rng.randrange(1, 600)]
@@ -80,7 +82,7 @@ def feed(link, data, rng, now):
 
 
 def rest(link, now):
-    """Let every wait end."""
+    """Let every time-out expire."""
     while (due := link.next_deadline()) is not None:
         now = max(now, due)
         link.handle_deadline(due)
@@ -98,21 +100,21 @@ def events(link):
 @pytest.mark.parametrize("stuffing", ["off", "double"])
 @pytest.mark.parametrize(("make", "size"), [(uniform, SIZE * 3 // 4), (meaningful, SIZE // 4)])
 @pytest.mark.parametrize("role", list(Role))
-def test_a_megabyte_of_anything(role, make, size, stuffing):
+def test_megabyte_of_arbitrary_bytes(role, make, size, stuffing):
     rng = random.Random(f"{role} {make.__name__} {stuffing}")
     link = Link(role, LinkProfile(dle_stuffing=stuffing))
     now = rest(link, feed(link, make(rng, size), rng, EPOCH))
     assert link.state is State.IDLE
     # A valid message is understood, and one of its own goes out.
-    for heard, said in ((b"\x05", b"\x06"), (encode_block(REPLY), b"\x06"), (b"\x04", b"")):
-        link.receive(heard, now)
-        assert link.data_to_send(now) == said
+    for data, answer in ((b"\x05", b"\x06"), (encode_block(REPLY), b"\x06"), (b"\x04", b"")):
+        link.receive(data, now)
+        assert link.data_to_send(now) == answer
     assert events(link) == [MessageReceived((REPLY,))]
     link.send([ASK])
     assert link.data_to_send(now) == b"\x05"
-    for heard, said in ((b"\x06", encode_block(ASK)), (b"\x06", b"\x04")):
-        link.receive(heard, now)
-        assert link.data_to_send(now) == said
+    for data, answer in ((b"\x06", encode_block(ASK)), (b"\x06", b"\x04")):
+        link.receive(data, now)
+        assert link.data_to_send(now) == answer
     assert events(link) == [MessageSent()]
 
 
@@ -135,7 +137,7 @@ def test_little_is_kept(role):
 
 
 @pytest.mark.parametrize(("stuffing", "doubled"), [("off", 1), ("double", 2)])
-def test_an_unfinished_block_is_at_most_a_block(stuffing, doubled):
+def test_unfinished_block_is_at_most_a_block(stuffing, doubled):
     scanner = BlockScanner(BlockFormat(stuffing, LENGTH_STYLES, 128))
     rng = random.Random(3)
     pieces = [meaningful(rng, 50_000), b"\x10\x02\x00\x80" + bytes(500), b"\x10\x02" + b"\x10" * 1000]
@@ -147,7 +149,7 @@ def test_an_unfinished_block_is_at_most_a_block(stuffing, doubled):
     assert 128 <= most < doubled * 128 + BLOCK_OVERHEAD
 
 
-def test_an_owner_that_takes_nothing_costs_a_bounded_store():
+def test_owner_that_reads_nothing_needs_bounded_memory():
     link = Link(Role.HOST, LinkProfile())
     for _ in range(EVENT_LIMIT + 50):
         link.receive(b"\x05", EPOCH)
@@ -158,7 +160,7 @@ def test_an_owner_that_takes_nothing_costs_a_bounded_store():
     assert link.counters["events dropped"] == 50
 
 
-def test_a_message_is_given_up_before_it_fills_the_memory():
+def test_message_is_abandoned_before_it_fills_the_memory():
     link = Link(Role.HOST, LinkProfile())
     link.receive(b"\x05", EPOCH)
     link.data_to_send(EPOCH)

@@ -1,4 +1,4 @@
-"""Both ends of a link wired to each other without a transport, on a line that loses and mutilates bytes."""
+"""Both ends of a link connected without a transport, on a line that loses and mutilates bytes."""
 
 import pytest
 from hypothesis import given, settings
@@ -19,13 +19,13 @@ EPOCH = 777.25
 
 
 def telegram(role, number, size=4):
-    """A telegram that tells its sender and is found once only."""
+    """Return a unique telegram that identifies its sender."""
     data = number.to_bytes(2, "big") + bytes((0x10, 0x03, 0x05, 0x06)[:size])
     return (8 + len(data)).to_bytes(2, "big") + bytes((role is Role.HOST, 0, 24, 1, 0, 0)) + data
 
 
 class Wire:
-    """Carries what the ends hand out at once; faults are taken from a list, one for each chunk."""
+    """Carries all data of the ends at once; faults come from a list, one for each chunk."""
 
     def __init__(self, faults, **changes):
         self.ends = {role: Link(role, LinkProfile(**changes)) for role in Role}
@@ -50,7 +50,7 @@ class Wire:
         return data
 
     def exchange(self):
-        """Carry data until both are silent; both hand out before either receives, so bids can collide."""
+        """Carry data until both are silent; both send before either receives, so that bids can collide."""
         for _ in range(200):
             chunks = {role: end.data_to_send(self.now) for role, end in self.ends.items()}
             if not any(chunks.values()):
@@ -119,7 +119,7 @@ faults = st.lists(
     st.sampled_from(["robot", "host"]),
 )
 @settings(max_examples=200, deadline=None)
-def test_bad_line_never_delivers_wrongly_and_always_comes_to_rest(
+def test_bad_line_never_delivers_wrongly_and_always_settles(
     faults, host_sizes, robot_sizes, alternation, stuffing, winner
 ):
     wire = Wire(faults, stx_alternation=alternation, dle_stuffing=stuffing, collision_winner=winner)

@@ -1,4 +1,4 @@
-"""The link's profile: values from a configuration, bounds, marks, and the time of a character."""
+"""Link profile: values from a configuration, bounds, marks, and character time."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from protocol.marks import Mark
 from protocol.marks import settings as settings_of
 
 
-def test_profile_comes_from_plain_values_and_refuses_wrong_ones():
+def test_profile_accepts_plain_values_and_refuses_wrong_ones():
     adapter = TypeAdapter(LinkProfile)
     assert adapter.validate_python({}) == LinkProfile()
     assert adapter.validate_python({"baudrate": 19200, "parity": "N"}).parity == "N"
@@ -30,7 +30,7 @@ def test_profile_comes_from_plain_values_and_refuses_wrong_ones():
             adapter.validate_python(values)
 
 
-def test_profile_knows_its_marks_and_its_character_time():
+def test_profile_has_marks_and_a_character_time():
     marks = {item.name: item.info.mark for item in settings_of(LinkProfile())}
     assert marks["baudrate"] is Mark.OBSERVED
     assert marks["order_timeout_s"] is Mark.ASSUMED
@@ -42,7 +42,7 @@ def test_profile_knows_its_marks_and_its_character_time():
     assert LinkProfile(baudrate=1000, parity="N", stop_bits=2).character_time == 11 / 1000
 
 
-def test_the_observed_client_is_a_set_that_holds_as_a_whole():
+def test_observed_client_is_used_as_a_unit():
     link = LinkProfile.named("observed-client", baudrate=19200)
     assert TypeAdapter(LinkProfile).validate_python({"profile": "observed-client", "baudrate": 19200}) == link
     assert (link.length_style, link.move_length, link.stx_alternation) == ("data", 60, "parity")

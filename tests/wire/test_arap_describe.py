@@ -1,4 +1,4 @@
-"""A capture put into words; the blocks are those of the computer-link specification, sections 3 and 4."""
+"""Textual description of a capture; the blocks are those of the computer-link specification, sections 3 and 4."""
 
 import pytest
 from hypothesis import given, settings
@@ -59,7 +59,7 @@ def test_doubled_dle():
     assert item["direction"] == "PC → S3"
 
 
-def test_refusal_is_told_in_words():
+def test_refusal_is_described():
     (item,) = describe(encode_block(Refusal(13).to_telegram(read_status()).encode()))
     assert item["meaning"].endswith(": stop or emergency stop")
 
@@ -74,7 +74,7 @@ def test_refusal_is_told_in_words():
         ("10 02 00 08 01 00 13 01 00 00 00 10 03 18", "error", "no DLE ETX", 10, 14),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(text, kind, problem, offset, size):
+def test_problem_is_described_with_its_offset(text, kind, problem, offset, size):
     item = describe(bytes.fromhex(text))[0]
     assert (item["kind"], item["problem_offset"], item["size"]) == (kind, offset, size)
     assert problem in item["problem"]
@@ -103,7 +103,7 @@ pieces = st.one_of(st.binary(max_size=30), st.sampled_from([ASK, STATUS, b"\x05"
 
 @given(st.lists(pieces, max_size=6).map(b"".join), st.sampled_from(["off", "double"]))
 @settings(max_examples=200)
-def test_arbitrary_bytes_never_raise_and_are_all_told(raw, stuffing):
+def test_arbitrary_bytes_never_raise_and_are_all_described(raw, stuffing):
     at = 0
     for item in describe(raw, stuffing):
         assert item["offset"] == at
@@ -112,7 +112,7 @@ def test_arbitrary_bytes_never_raise_and_are_all_told(raw, stuffing):
     assert at == len(raw)
 
 
-def test_the_observed_clients_flag_on_a_type_is_named_and_its_data_are_read():
+def test_type_with_the_observed_flag_is_named_and_decoded():
     (item,) = describe(encode_block(Telegram(2, 0x11, 0, b"\x00\x07").encode()))
     assert item["header"]["type_text"] == "order with a flag of the observed client, effect unknown"
     assert item["fields"][0]["raw"] == 7

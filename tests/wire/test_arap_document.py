@@ -1,4 +1,4 @@
-"""The reference page of the computer link says what the code does."""
+"""The reference page of the computer link matches the code."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "reference" / "computer-link.md").read_text(encoding="utf-8")
 
 
-def test_the_tables_show_what_the_specification_says():
+def test_tables_match_the_specification():
     # Computer-link specification, sections 3 and 4.
     for line in (
         "| 18–19 | `x` | s16 | 1/8000 m | -4.096 … 4.09588 | observed | position X |",

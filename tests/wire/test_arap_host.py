@@ -1,4 +1,4 @@
-"""The PC's end, wired to a robot's end of the link whose answers the test gives."""
+"""The PC's end, connected to a robot's end of the link with scripted answers."""
 
 import pytest
 
@@ -42,7 +42,7 @@ STATUS = Status((4073, -6692, 5255), (2071, -11179, 2455, 11539), operation=True
 
 
 class Cell:
-    """A host and the robot's end of its link, on a wire without delay; counts characters both ways."""
+    """A host and the robot's end of its link, on a wire without delay; counts characters in both directions."""
 
     def __init__(self, profile=PROFILE, answer=None):
         self.host = ArapHost(profile)
@@ -55,7 +55,7 @@ class Cell:
         self.on_wire = lambda data: data
 
     def run(self, until=0.0):
-        """Exchange until silent, then through the deadlines of `until` seconds; the host's events."""
+        """Exchange until silent, then through the deadlines of `until` seconds; return the host's events."""
         end = self.now + until
         while True:
             self._exchange()
@@ -91,7 +91,7 @@ class Cell:
                 for message in self.answer(order):
                     self.robot.send([t.encode() for t in message])
 
-    def say(self, *telegrams):
+    def send(self, *telegrams):
         self.robot.send([t.encode() for t in telegrams])
 
 
@@ -140,7 +140,7 @@ def test_one_order_at_a_time():
     cell.host.order(read_status())
 
 
-def test_an_announced_order_is_sent_with_the_bid_ahead_of_it():
+def test_announced_order_is_sent_with_the_bid_ahead_of_it():
     cell = Cell(answer=answers([STATUS.to_telegram()]))
     cell.host.announce()
     assert cell.run() == []
@@ -152,14 +152,14 @@ def test_an_announced_order_is_sent_with_the_bid_ahead_of_it():
     assert cell.host.link.counters["bid sent"] == 1
 
 
-def test_nothing_is_announced_while_an_order_has_no_answer():
+def test_no_bid_is_announced_while_an_order_has_no_answer():
     host = ArapHost(PROFILE)
     host.order(read_status())
     with pytest.raises(LocalProtocolError, match="outstanding"):
         host.announce()
 
 
-def test_a_bid_that_fails_ahead_of_its_order_fails_no_order():
+def test_bid_failing_before_its_order_fails_no_order():
     cell = Cell(answer=answers([STATUS.to_telegram()]))
     cell.connected = False
     cell.host.announce()
@@ -171,7 +171,7 @@ def test_a_bid_that_fails_ahead_of_its_order_fails_no_order():
     assert isinstance(cell.run()[-1], Answered)
 
 
-def test_order_that_cannot_be_sent_leaves_none_outstanding():
+def test_order_that_cannot_be_sent_is_not_outstanding():
     host = ArapHost(PROFILE)
     with pytest.raises(LocalProtocolError, match="too long"):
         host.order(Telegram(1, 1, 0, bytes(130)))
@@ -191,7 +191,7 @@ def test_order_of_several_blocks_is_one_message():
 
 
 @pytest.mark.parametrize("telegrams", [[Telegram(1, 9)], [Telegram(1, 1), Telegram(1, 1)]])
-def test_blocks_that_are_no_order_are_not_sent(telegrams):
+def test_blocks_that_form_no_order_are_not_sent(telegrams):
     host = ArapHost(PROFILE)
     with pytest.raises(LocalProtocolError):
         host.order(*telegrams)
@@ -228,23 +228,23 @@ def test_blocks_of_an_answer_are_joined_over_two_messages():
 
 
 def test_spontaneous_before_the_answer_and_unasked():
-    told = Spontaneous(17, 5, 6)
-    cell = Cell(answer=answers([told.to_telegram()], [STATUS.to_telegram()]))
+    message = Spontaneous(17, 5, 6)
+    cell = Cell(answer=answers([message.to_telegram()], [STATUS.to_telegram()]))
     cell.host.order(read_status())
     first, second = cell.run()
-    assert first == SpontaneousReceived(told)
+    assert first == SpontaneousReceived(message)
     assert isinstance(second, Answered)
-    cell.say(told.to_telegram())
-    assert cell.run() == [SpontaneousReceived(told)]
+    cell.send(message.to_telegram())
+    assert cell.run() == [SpontaneousReceived(message)]
 
 
 def test_collision_with_a_spontaneous_message_delays_the_order():
-    told = Spontaneous(7, 1, 2)
+    message = Spontaneous(7, 1, 2)
     cell = Cell(answer=answers([STATUS.to_telegram()]))
-    cell.say(told.to_telegram())
+    cell.send(message.to_telegram())
     cell.host.order(read_status())
     collision, first, second = cell.run()
-    assert (type(collision), first) == (LinkNotice, SpontaneousReceived(told))
+    assert (type(collision), first) == (LinkNotice, SpontaneousReceived(message))
     assert isinstance(second, Answered)
 
 
@@ -256,7 +256,7 @@ def test_collision_with_a_spontaneous_message_delays_the_order():
         (Telegram(19, 6, 0, b"", True), "refusal needs 2 bytes"),
     ],
 )
-def test_answer_that_does_not_fit_fails_the_order(telegram, text):
+def test_unmatched_answer_fails_the_order(telegram, text):
     cell = Cell(answer=answers([telegram]))
     cell.host.order(read_status())
     (event,) = cell.run()
@@ -283,13 +283,13 @@ def test_too_many_blocks_fail_the_order(monkeypatch):
     assert isinstance(late, UnexpectedReceived)
 
 
-def test_an_answer_without_a_question_is_told():
+def test_answer_without_an_order_is_reported():
     cell = Cell()
-    cell.say(STATUS.to_telegram())
-    cell.say(Telegram(127, 3, 7, b"", True))
+    cell.send(STATUS.to_telegram())
+    cell.send(Telegram(127, 3, 7, b"", True))
     cell.robot.send([bytes.fromhex("00 08 00 09 13 02 00 00")])
     first, second, third = cell.run()
-    assert "nothing was ordered" in first.text
+    assert "without an outstanding order" in first.text
     assert "spontaneous needs 4" in second.text
     assert "byte 3" in third.text
     assert all(isinstance(event, UnexpectedReceived) for event in (first, second, third))
@@ -306,7 +306,7 @@ def test_bad_spontaneous_telegram_does_not_fail_the_order():
 
 def test_answer_before_the_order_was_sent_is_no_answer():
     cell = Cell(answer=answers([STATUS.to_telegram()]))
-    cell.say(STATUS.to_telegram())
+    cell.send(STATUS.to_telegram())
     cell.host.order(read_status())
     _, early, answer = cell.run()
     assert isinstance(early, UnexpectedReceived)
@@ -321,12 +321,12 @@ def test_no_answer_telegram_in_time():
     assert (event.order, event.reason) == (read_status(), OrderFailure.TIME_OUT)
     assert "within 10 s to: read status" in event.text
     assert cell.host.next_deadline() is None
-    cell.say(STATUS.to_telegram())
+    cell.send(STATUS.to_telegram())
     (late,) = cell.run()
     assert isinstance(late, UnexpectedReceived)
 
 
-def test_order_does_not_time_out_while_a_message_comes_in():
+def test_order_does_not_time_out_while_a_message_arrives():
     cell = Cell()
     cell.host.order(read_status())
     cell.run(9.9)
@@ -339,7 +339,7 @@ def test_order_does_not_time_out_while_a_message_comes_in():
     assert isinstance(cell.host.next_event(), Answered)
 
 
-def test_link_failure_fails_the_order_and_says_why():
+def test_link_failure_fails_the_order_with_its_reason():
     cell = Cell()
     cell.connected = False
     cell.host.order(read_status())
@@ -352,12 +352,12 @@ def test_link_failure_fails_the_order_and_says_why():
 
 def test_lost_acknowledgement_does_not_lose_the_order():
     cell = Cell(answer=answers([STATUS.to_telegram()]))
-    seen = []
+    states = []
 
     def lose_second_chunk(data):
         if data:
-            seen.append(data)
-        return b"" if len(seen) == 2 else data
+            states.append(data)
+        return b"" if len(states) == 2 else data
 
     cell.on_wire = lose_second_chunk
     cell.host.order(read_status())
@@ -386,13 +386,13 @@ def test_events_are_bounded():
     assert host.link.counters["stray control byte"] == 1500
 
 
-@pytest.mark.parametrize(("stuffing", "told"), [("off", 1), ("double", 0)])
-def test_an_order_that_holds_the_trailer_is_counted_and_told(stuffing, told):
-    """4099 is 1003h: nothing can give way."""
+@pytest.mark.parametrize(("stuffing", "count"), [("off", 1), ("double", 0)])
+def test_order_with_the_trailer_is_counted_and_reported(stuffing, count):
+    """4099 is 1003h: no neighbour can be used."""
     order = start_program(0x1003)
     cell = Cell(LinkProfile(baudrate=11000, dle_stuffing=stuffing), answers([response(order)]))
     cell.host.order(order)
     notices = [event for event in cell.run() if isinstance(event, LinkNotice)]
-    assert [notice.kind for notice in notices] == ["10 03 in data"] * told
+    assert [notice.kind for notice in notices] == ["10 03 in data"] * count
     assert all("start program" in notice.text for notice in notices)
-    assert cell.host.link.counters["10 03 in data"] == told
+    assert cell.host.link.counters["10 03 in data"] == count

@@ -67,7 +67,7 @@ BOOK = OrderBook([READ, SEND, STATUS_MORE])
 # --- values
 
 
-def test_values_lie_as_their_types_say():
+def test_values_are_encoded_by_their_types():
     # Built by hand from two's complement and IEEE 754 single precision.
     every = payload("every", *(number(kind, 8 + 4 * n, kind) for n, kind in enumerate(FIELD_TYPES)))
     values = dict(zip(FIELD_TYPES, (200, -2, 60000, -3, 4_000_000_000, -4, -1.5), strict=True))
@@ -76,7 +76,7 @@ def test_values_lie_as_their_types_say():
     assert every.decode(data) == values
 
 
-def test_values_are_in_the_fields_unit():
+def test_values_are_scaled_to_field_unit():
     assert READ.answer.encode({"number": 3, "value": -1.26}) == bytes.fromhex("0003 FFF3")
     assert READ.answer.decode(bytes.fromhex("0003 FFF3")) == {"number": 3, "value": pytest.approx(-1.3)}
     assert isinstance(READ.answer.decode(bytes(4))["number"], int)
@@ -84,7 +84,7 @@ def test_values_are_in_the_fields_unit():
 
 @given(st.data())
 @settings(max_examples=100)
-def test_every_value_comes_back_within_half_a_step(data):
+def test_every_value_returns_within_half_a_step(data):
     kind = data.draw(st.sampled_from(list(FIELD_TYPES)))
     scale = data.draw(st.sampled_from([1.0, 0.125, -0.5, 1e-3]))
     low, high = limits(FIELD_TYPES[kind])
@@ -96,7 +96,7 @@ def test_every_value_comes_back_within_half_a_step(data):
 
 @given(st.binary(max_size=60))
 @settings(max_examples=100)
-def test_arbitrary_data_raise_remote_errors_or_nothing(data):
+def test_arbitrary_data_decode_or_raise_remote_errors(data):
     for definition in BOOK.site + KNOWN_ORDERS:
         for part in (definition.order, definition.answer):
             try:
@@ -118,13 +118,13 @@ def test_arbitrary_data_raise_remote_errors_or_nothing(data):
         ({"volume": 1}, "answer has no field volume: it has number, value"),
     ],
 )
-def test_a_value_that_cannot_be_is_named(values, message):
+def test_invalid_value_is_named(values, message):
     with pytest.raises(LocalProtocolError) as caught:
         READ.answer.encode(values)
     assert str(caught.value) == message
 
 
-def test_single_precision_and_tiny_scales_have_limits_too():
+def test_single_precision_and_tiny_scales_have_limits():
     floating = payload("floating", number("value", 8, "f32"))
     with pytest.raises(LocalProtocolError, match="outside"):
         floating.encode({"value": 1e39})
@@ -132,7 +132,7 @@ def test_single_precision_and_tiny_scales_have_limits_too():
         payload("tiny", number("value", 8, "u16", 1e-300)).encode({"value": 1e300})
 
 
-def test_the_rest_is_bytes():
+def test_rest_is_bytes():
     with pytest.raises(LocalProtocolError, match="send: content must be bytes, got 3"):
         SEND.order.encode({"content": 3})
     with pytest.raises(LocalProtocolError, match="has no field x: it has none"):
@@ -143,7 +143,7 @@ def test_the_rest_is_bytes():
 # --- orders
 
 
-def test_an_order_by_name_and_values():
+def test_order_by_name_and_values():
     assert READ.telegrams({"number": 3}, None, PROFILE) == (Telegram(6, 1, 0, b"\0\3"),)
     assert READ.telegrams({}, 3, PROFILE) == (Telegram(6, 1, 3, b"\0\0"),)
     with pytest.raises(LocalProtocolError, match="read_register has no suffix 1, only 0, 3"):
@@ -165,13 +165,15 @@ def test_names_are_looked_up():
         "move",
         "receive_program",
     )
-    with pytest.raises(LocalProtocolError, match=r"no order 'read_registre'; did you mean read_register\?"):
+    with pytest.raises(
+        LocalProtocolError, match=r"unknown order 'read_registre'; did you mean read_register\?"
+    ):
         BOOK.named("read_registre")
     with pytest.raises(LocalProtocolError, match="there are start_program, stop_program"):
         KNOWN.named("?")
 
 
-def test_a_long_order_is_refused_or_travels_in_several_blocks():
+def test_long_order_is_refused_or_travels_in_several_blocks():
     content = bytes(range(250))
     with pytest.raises(LocalProtocolError, match="a telegram of 260 bytes is too long for a block of 128"):
         replace(SEND, blocks="one").telegrams({"content": content}, None, PROFILE)
@@ -180,13 +182,13 @@ def test_a_long_order_is_refused_or_travels_in_several_blocks():
     joined = join_blocks(blocks)
     assert SEND.order.decode(joined.data) == {"program": 7, "content": content}
     assert joined == Telegram(1, 1, 0, b"\0\7" + content)
-    with pytest.raises(LocalProtocolError, match="4096 blocks of 120 are the most"):
+    with pytest.raises(LocalProtocolError, match="at most 4096 blocks of 120"):
         SEND.telegrams({"content": bytes(MESSAGE_LIMIT * 120 - 1)}, None, PROFILE)
 
 
 @given(st.binary(max_size=900), st.booleans(), st.integers(60, 200))
 @settings(max_examples=60)
-def test_what_is_split_joins_again(data, from_robot, longest):
+def test_split_blocks_join_again(data, from_robot, longest):
     telegram = Telegram(29, 2 if from_robot else 1, 5, data, from_robot)
     blocks = split_telegram(telegram, longest)
     assert all(len(block.encode()) <= longest for block in blocks)
@@ -196,18 +198,18 @@ def test_what_is_split_joins_again(data, from_robot, longest):
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ([(1, 9), (2, 1)], "block 1 of 2 is none of a long telegram"),
-        ([(1, 1), (1, 1)], "block 1 of 2 is none of a long telegram"),
-        ([(1, 0x0A), (1, 1)], "block 1 of 2 is none of a long telegram"),
-        ([(1, 9), (1, 9)], "a further block was announced and did not come"),
+        ([(1, 9), (2, 1)], "block 1 of 2 is not part of a long telegram"),
+        ([(1, 1), (1, 1)], "block 1 of 2 is not part of a long telegram"),
+        ([(1, 0x0A), (1, 1)], "block 1 of 2 is not part of a long telegram"),
+        ([(1, 9), (1, 9)], "a further block was announced but not received"),
     ],
 )
-def test_blocks_that_do_not_belong_together_are_refused(blocks, message):
+def test_unrelated_blocks_are_refused(blocks, message):
     with pytest.raises(RemoteProtocolError, match=message):
         join_blocks([Telegram(function, kind) for function, kind in blocks])
 
 
-def test_the_answer_with_a_program():
+def test_answer_with_a_program():
     answer = ProgramAnswer(258, b"abc")
     assert answer.to_telegram().encode() == bytes.fromhex("000F 00 00 1D 02 0000 0000 0102 616263")
     assert ProgramAnswer.from_telegram(answer.to_telegram()) == answer
@@ -224,7 +226,7 @@ def fields(items):
     return {field["name"]: field["value"] for field in items[0]["fields"]}
 
 
-def test_a_sites_orders_are_described_by_their_definition():
+def test_sites_orders_are_described_by_their_definition():
     (item,) = describe(encode_block(Telegram(6, 1, 3, b"\0\7").encode()), orders=BOOK)
     assert (item["header"]["order"], item["header"]["suffix_text"]) == ("read_register", "many")
     assert fields([item]) == {"number": 7}
@@ -236,7 +238,7 @@ def test_a_sites_orders_are_described_by_their_definition():
     assert fields(describe(encode_block(Telegram(6, 7, 0, b"\0", True).encode()), orders=BOOK)) == {}
 
 
-def test_an_extended_answer_is_described_with_the_sites_additions():
+def test_extended_answer_is_described_with_the_site_fields():
     status = bytes(24)
     long, short = (
         encode_block(Telegram(19, 2, 0, data, True).encode()) for data in (status + b"\x50", status)
@@ -260,11 +262,11 @@ def test_further_blocks_of_a_long_telegram_are_its_contents():
     assert [len(item["fields"]) for item in mixed] == [1, 0]
 
 
-def test_what_the_controller_says_in_every_payload():
+def test_controller_answers_are_described_for_every_payload():
     refused = describe(encode_block(Refusal(7).to_telegram(read_status()).encode()))
     assert (fields(refused), refused[0]["meaning"].rpartition(": ")[2]) == ({"code": 7}, "no such program")
-    told = describe(encode_block(Spontaneous(17, 13, 2).to_telegram().encode()))
-    assert fields(told) == {"x": 13, "y": 2}
+    items = describe(encode_block(Spontaneous(17, 13, 2).to_telegram().encode()))
+    assert fields(items) == {"x": 13, "y": 2}
     for definition in KNOWN_ORDERS:
         for suffix in definition.suffixes:
             (order,) = definition.telegrams({}, suffix, PROFILE)
@@ -274,7 +276,7 @@ def test_what_the_controller_says_in_every_payload():
             assert "problem" not in item
 
 
-def test_remedies_are_told_where_known():
+def test_known_remedies_are_reported():
     assert "TO SC" in refusal_remedy(5)
     assert refusal_remedy(0) == refusal_remedy(77) == ""
 
@@ -291,7 +293,7 @@ def fields_of(*fields, **more):
 @pytest.mark.parametrize(
     ("wrong", "path", "message"),
     [
-        (replace(RIGHT, name="Read"), (), "small letters"),
+        (replace(RIGHT, name="Read"), (), "lower-case letters"),
         (replace(RIGHT, name="move"), (), "choose another"),
         (replace(RIGHT, function=0), ("function",), "0 is outside 1 … 255"),
         (replace(RIGHT, function=256), ("function",), "256 is outside"),
@@ -316,13 +318,13 @@ def fields_of(*fields, **more):
             ("answer", 1, "byte"),
             "9 to 10 overlap the field a at 10 to 11",
         ),
-        (fields_of(number("a", 8), size=1), ("answer_length",), "9 is not between 10"),
-        (fields_of(number("a", 8), size=121), ("answer_length",), "129 is not between 10"),
-        (fields_of(size=-1), ("answer_length",), "7 is not between 8"),
+        (fields_of(number("a", 8), size=1), ("answer_length",), "9 must be between 10"),
+        (fields_of(number("a", 8), size=121), ("answer_length",), "129 must be between 10"),
+        (fields_of(size=-1), ("answer_length",), "7 must be between 8"),
         (
             fields_of(number("a", 8), size=1, rest=Rest("b", Mark.ASSUMED)),
             ("answer", 1, "byte"),
-            "9 is not between 10",
+            "9 must be between 10",
         ),
         (
             replace(STATUS_MORE, answer=payload("a", number("x", 40))),
@@ -337,21 +339,21 @@ def fields_of(*fields, **more):
         (
             replace(STATUS_MORE, answer=payload("a", size=4, rest=Rest("b", Mark.ASSUMED))),
             ("answer", 0, "byte"),
-            "12 is not between 32",
+            "12 must be between 32",
         ),
-        (replace(RIGHT, emulation=Emulation("m", ("value",))), ("emulator", "key"), "no number value"),
+        (replace(RIGHT, emulation=Emulation("m", ("value",))), ("emulator", "key"), "no numeric field value"),
         (replace(RIGHT, emulation=Emulation("", ("number",))), ("emulator", "key"), "name of a memory"),
         (replace(RIGHT, emulation=Emulation("", (), {"a": 1})), ("emulator", "initial", "a"), "no field a"),
     ],
 )
-def test_a_definition_that_cannot_be_is_refused_with_its_place(wrong, path, message):
+def test_invalid_definition_is_refused_with_its_path(wrong, path, message):
     OrderBook([RIGHT], 128)
     with pytest.raises(DefinitionError, match=message) as caught:
         OrderBook([wrong], 128)
     assert caught.value.path == (wrong.name, *path)
 
 
-def test_a_function_is_defined_once():
-    with pytest.raises(DefinitionError, match="6 is the function of read_register already") as caught:
+def test_function_is_defined_once():
+    with pytest.raises(DefinitionError, match="6 is already the function of read_register") as caught:
         OrderBook([READ, replace(READ, name="other")])
     assert caught.value.path == ("other", "function")

@@ -65,7 +65,7 @@ def test_golden_telegram(telegram, text):
     assert Telegram.decode(raw, from_robot=False) == telegram
 
 
-def test_other_orders_lie_as_the_specification_says():
+def test_other_orders_match_the_specification():
     assert start_program(7).encode().hex(" ").upper() == "00 0A 01 00 02 01 00 00 00 07"
     assert start_program(7, from_start=False).encode().hex(" ").upper() == "00 0A 01 00 02 01 00 01 00 07"
     assert receive_program(258).encode().hex(" ").upper() == "00 0C 01 00 1D 01 00 01 01 02 00 00"
@@ -78,7 +78,7 @@ def test_other_orders_lie_as_the_specification_says():
 @settings(max_examples=100)
 def test_round_trip(telegram, style):
     if telegram.from_robot and style == "data":
-        with pytest.raises(LocalProtocolError, match="whole length"):
+        with pytest.raises(LocalProtocolError, match="entire length"):
             telegram.encode(style)
     else:
         raw = telegram.encode(style)
@@ -98,19 +98,19 @@ def test_round_trip(telegram, style):
         ("00 08 01 05 13 01 00 00", False, "byte 3: destination 5"),
     ],
 )
-def test_what_is_wrong_with_a_telegram_is_said(text, from_robot, message):
+def test_invalid_telegram_is_explained(text, from_robot, message):
     with pytest.raises(RemoteProtocolError, match=message):
         Telegram.decode(bytes.fromhex(text), from_robot)
 
 
-def test_telegram_that_cannot_be_written():
+def test_telegram_that_cannot_be_encoded_is_refused():
     with pytest.raises(LocalProtocolError):
         Telegram(256, 1).encode()
 
 
 @given(st.binary(max_size=80), st.booleans())
 @settings(max_examples=150)
-def test_arbitrary_bytes_raise_remote_errors_or_nothing(raw, from_robot):
+def test_arbitrary_bytes_decode_or_raise_remote_errors(raw, from_robot):
     for data in (raw, (len(raw) + 8).to_bytes(2, "big") + bytes((not from_robot, 0, *raw[:4])) + raw[4:]):
         try:
             telegram = Telegram.decode(data, from_robot)
@@ -165,7 +165,7 @@ def test_status_round_trip(position, quaternion, flag):
     assert Status.from_telegram(status.to_telegram()) == status
 
 
-def test_move_lies_as_the_specification_says():
+def test_move_matches_the_specification():
     move = Move(MoveKind.END, (0.509125, -0.8365, 0.656875), (1.0, 0.0, -1.0, 0.5), 0.1, 1.0, True)
     raw = move.to_telegram().encode()
     assert len(raw) == 52
@@ -230,13 +230,13 @@ def test_wrong_move_telegrams_are_refused():
 
 @given(st.tuples(*[st.floats(-4.0958, 4.0958)] * 3))
 @settings(max_examples=100)
-def test_rounding_to_device_words_is_to_the_nearest_and_stays(position):
+def test_rounding_to_device_words_is_to_nearest_and_stable(position):
     rounded = position_from_words(position_words(position))
     assert all(abs(a - b) <= POSITION_STEP / 2 + 1e-12 for a, b in zip(rounded, position, strict=True))
     assert position_words(rounded) == position_words(position)
 
 
-def test_words_and_values():
+def test_words_and_values_convert_both_ways():
     assert position_words((4.095875, -4.095875, 0.0)) == (32767, -32767, 0)
     assert position_from_words((32767, -32768, 1)) == (4.095875, -4.096, 0.000125)
     assert quaternion_words((1.0, -1.0, 0.5, 0.0)) == (16384, -16384, 8192, 0)
@@ -251,10 +251,10 @@ def test_refusal_and_spontaneous():
     assert refusal.text == "outside the work area, or no start point"
     assert Refusal(77).text == "unknown refusal code 77"
     assert Refusal(8).text == "unspecified"
-    told = Spontaneous(SpontaneousKind.SYSTEM_ERROR, 508, 3)
-    assert told.to_telegram().encode().hex(" ").upper() == "00 0C 00 00 7F 03 00 07 01 FC 00 03"
-    assert Spontaneous.from_telegram(told.to_telegram()) == told
-    assert told.text == "system error 508.3"
+    message = Spontaneous(SpontaneousKind.SYSTEM_ERROR, 508, 3)
+    assert message.to_telegram().encode().hex(" ").upper() == "00 0C 00 00 7F 03 00 07 01 FC 00 03"
+    assert Spontaneous.from_telegram(message.to_telegram()) == message
+    assert message.text == "system error 508.3"
     assert Spontaneous(4, 1, 2).text == "unknown kind 4 1.2"
     assert response(read_status(), b"ab") == Telegram(19, 2, 0, b"ab", True)
 
@@ -293,7 +293,7 @@ HIT = 0x1003 * POSITION_STEP
 """512.375 mm: a coordinate whose word is DLE ETX."""
 
 
-def sent_words(move):
+def registers_of(move):
     data = move.to_telegram(avoid_trailer=True).data
     assert b"\x10\x03" not in data
     return list(struct.unpack(">3h4h", data[10:24]))
@@ -313,21 +313,21 @@ def sent_words(move):
         ((0x1C10 / 8000, 0x0410 / 8000, 0x0110 / 8000), [0x1C10, 0x0410, 0x0110]),
     ],
 )
-def test_a_coordinate_gives_way_to_the_nearer_neighbour_where_it_would_hold_the_trailer(position, words):
+def test_coordinate_with_trailer_moves_to_the_nearer_neighbour(position, words):
     move = Move(MoveKind.POINT, position, DOWN, 0.1)
-    assert sent_words(move)[:3] == words
+    assert registers_of(move)[:3] == words
     assert (move.to_telegram() == move.to_telegram(avoid_trailer=True)) is (
         list(position_words(position)) == words
     )
 
 
-def test_an_orientation_and_the_end_of_a_position_give_way_too():
+def test_orientation_and_end_of_position_avoid_the_trailer():
     one = 16384
     move = Move(MoveKind.END, (0.0, 0.0, 0x2010 / 8000), (0x0310 / one, 0x0303 / one, 0x1003 / one, 0.9), 0.1)
-    assert sent_words(move)[2:6] == [0x2011, 0x0311, 0x0303, 0x1004]
+    assert registers_of(move)[2:6] == [0x2011, 0x0311, 0x0303, 0x1004]
 
 
-def test_what_is_no_place_and_no_orientation_stays():
+def test_invalid_position_and_orientation_are_unchanged():
     """512.375 mm/s is DLE ETX as well."""
     move = Move(MoveKind.POINT, (0.5, 0.0, 0.6), DOWN, HIT)
     assert b"\x10\x03" in move.to_telegram(avoid_trailer=True).data
@@ -343,12 +343,12 @@ TRICKY = st.one_of(
 @pytest.mark.full
 @settings(max_examples=400)
 @given(st.lists(st.tuples(TRICKY, st.floats(-0.499, 0.499)), min_size=7, max_size=7))
-def test_no_coordinate_is_ever_further_than_one_step_from_the_one_ordered(words):
+def test_no_coordinate_is_further_than_one_step_from_the_ordered(words):
     exact = [word + part for word, part in words]
     position = tuple(value / 8000 for value in exact[:3])
     quaternion = tuple(value / 16384 for value in exact[3:])
     move = Move(MoveKind.POINT, position, quaternion, 0.1)
-    for sent, ordered, (nearest, _) in zip(sent_words(move), exact, words, strict=True):
+    for sent, ordered, (nearest, _) in zip(registers_of(move), exact, words, strict=True):
         assert abs(sent - ordered) <= 1.0 + 1e-9
         assert abs(sent - nearest) <= 1
     assert len(move.to_telegram(60, avoid_trailer=True).data) == 52
@@ -356,7 +356,7 @@ def test_no_coordinate_is_ever_further_than_one_step_from_the_one_ordered(words)
         assert move.to_telegram(avoid_trailer=True) == move.to_telegram()
 
 
-def test_a_type_with_the_flag_of_the_observed_client_has_a_name():
+def test_type_with_the_flag_of_the_observed_client_has_a_name():
     assert type_text(0x11) == "order with a flag of the observed client, effect unknown"
     assert type_text(0x19).startswith("further block follows, from PC with a flag")
     assert type_text(0x12) == "unknown type 12", "a controller's telegram never had it"

@@ -1,4 +1,6 @@
-"""The client of a NETCANOEM board: its questions, the wrench of the worked example, and all that must end it."""
+"""Client of a NETCANOEM board: its requests, the wrench of the worked example, and the conditions that end
+the session.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -84,13 +86,13 @@ def frames(*texts: str) -> list[CanFrame]:
 
 
 def events(client: AtiCanClient) -> list[Any]:
-    found = []
+    items = []
     while (event := client.next_event()) is not None:
-        found.append(event)
-    return found
+        items.append(event)
+    return items
 
 
-def sent(client: AtiCanClient, now: float) -> list[str]:
+def sent_frames(client: AtiCanClient, now: float) -> list[str]:
     if (due := client.next_deadline()) is not None and due <= now:
         client.handle_deadline(now)
     return [str(frame) for frame in client.data_to_send(now)]
@@ -100,10 +102,10 @@ def sample(gages: Sequence[int] = GAGES, status: int = 0) -> tuple[CanFrame, Can
     return encode_sample(BASE, status, gages)
 
 
-def asked(firmware: str = "20F#03080002", **settings: Any) -> AtiCanClient:
-    """A client that has read everything and asks for its first sample."""
+def ready_client(firmware: str = "20F#03080002", **settings: Any) -> AtiCanClient:
+    """Return a client that has read everything and requests its first sample."""
     client = AtiCanClient(AtiCanClientProfile(**settings), T0)
-    assert sent(client, T0) == ["20F#"]
+    assert sent_frames(client, T0) == ["20F#"]
     for answer, question in (
         (frames(firmware), "205#"),
         (frames("205#4654343437320000"), f"206#{client._profile.slot:02X}"),
@@ -112,39 +114,39 @@ def asked(firmware: str = "20F#03080002", **settings: Any) -> AtiCanClient:
         (encode_row(BASE, MATRIX[5]), "207#"),
     ):
         client.receive(answer, T0)
-        assert sent(client, T0) == [question]
+        assert sent_frames(client, T0) == [question]
     client.receive(frames("207#000F4240000F4240"), T0)
     if firmware == "20F#03080002":
-        assert sent(client, T0) == ["208#"]
+        assert sent_frames(client, T0) == ["208#"]
         client.receive(frames("208#0203"), T0)
-    assert sent(client, T0) == ["200#"]
+    assert sent_frames(client, T0) == ["200#"]
     return client
 
 
 def ready(**settings: Any) -> AtiCanClient:
-    client = asked(**settings)
+    client = ready_client(**settings)
     client.receive(sample(), T0 + 0.001)
     assert [type(event) for event in events(client)] == [SensorReady, WrenchFrame]
     return client
 
 
-def test_the_wrench_is_that_of_the_worked_example() -> None:
-    client = asked()
+def test_wrench_matches_the_worked_example() -> None:
+    client = ready_client()
     client.receive(sample(), T0 + 0.001)
-    told, frame = events(client)
-    assert told.facts.model == "ATI NETCANOEM, firmware 3.8 build 2, FT4472"
-    assert wrench_of(frame.values, told.facts.scales) == pytest.approx(
+    reports, frame = events(client)
+    assert reports.facts.model == "ATI NETCANOEM, firmware 3.8 build 2, FT4472"
+    assert wrench_of(frame.values, reports.facts.scales) == pytest.approx(
         (-1.516041, 3.124942, -14.462699, 0.062492, -0.072816, -0.153231), abs=1e-6
     )
     assert (frame.sequence, frame.at, frame.saturated) == (1, T0 + 0.001, 0)
 
 
-def test_the_zero_is_a_bias_of_gages() -> None:
+def test_zero_is_a_bias_of_gages() -> None:
     client = ready(zero_s=0.004)
     client.zero()
     for k, gages in enumerate((BIAS, GAGES)):
         now = T0 + 0.004 * (k + 1)
-        assert sent(client, now) == ["200#"]
+        assert sent_frames(client, now) == ["200#"]
         client.receive(sample(gages), now)
     _, took, frame = events(client)
     assert took == Zeroed()
@@ -153,8 +155,8 @@ def test_the_zero_is_a_bias_of_gages() -> None:
     )
 
 
-def test_an_older_board_tells_no_units() -> None:
-    client = asked(firmware="20F#03060001")
+def test_older_board_reports_no_units() -> None:
+    client = ready_client(firmware="20F#03060001")
     client.receive(sample(), T0)
     assert events(client)[0].facts.scales == pytest.approx((1e-6,) * 6)
 
@@ -162,35 +164,35 @@ def test_an_older_board_tells_no_units() -> None:
 def test_one_question_is_under_way_and_the_next_keeps_the_period() -> None:
     client = ready()
     assert client.next_deadline() == pytest.approx(T0 + 0.004)
-    assert sent(client, T0 + 0.002) == []
-    assert sent(client, T0 + 0.0041) == ["200#"]
-    assert sent(client, T0 + 0.02) == []
+    assert sent_frames(client, T0 + 0.002) == []
+    assert sent_frames(client, T0 + 0.0041) == ["200#"]
+    assert sent_frames(client, T0 + 0.02) == []
 
 
-def test_a_lost_answer_is_asked_for_again_and_three_end_the_session() -> None:
+def test_lost_response_is_requested_again_three_end_the_session() -> None:
     client = ready()
-    now, told = T0 + 0.004, []
+    now, reports = T0 + 0.004, []
     for _ in range(4):
-        told += sent(client, now)
+        reports += sent_frames(client, now)
         now += 0.11
-    assert told == ["200#"] * 3
+    assert reports == ["200#"] * 3
     (failed,) = events(client)
     assert isinstance(failed, SensorFailed)
-    assert "asked 3 times for sample" in failed.text
+    assert "sample after 3 requests" in failed.text
     with pytest.raises(LocalProtocolError):
         client.zero()
 
 
-def test_a_board_that_boots_is_waited_for() -> None:
+def test_booting_board_is_awaited() -> None:
     client = AtiCanClient(AtiCanClientProfile(ready_timeout_s=1.0), T0)
-    told = [sent(client, T0 + 0.11 * k) for k in range(14)]
-    assert len([one for one in told if one]) in (9, 10, 11)
-    assert "does not answer" in events(client)[0].text
+    reports = [sent_frames(client, T0 + 0.11 * k) for k in range(14)]
+    assert len([one for one in reports if one]) in (9, 10, 11)
+    assert "no response" in events(client)[0].text
 
 
-def test_halves_that_do_not_fit_are_left_out() -> None:
+def test_unmatched_halves_are_dropped() -> None:
     client = ready()
-    sent(client, T0 + 0.005)
+    sent_frames(client, T0 + 0.005)
     first, second = sample()
     client.receive([second, first, first, second], T0 + 0.006)
     assert [type(event) for event in events(client)] == [WrenchFrame]
@@ -198,9 +200,9 @@ def test_halves_that_do_not_fit_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("gages", [(32767, 0, 0, 0, 0, 0), (0, 0, 0, -32768, 0, 0)])
-def test_a_gage_at_its_end_makes_all_axes_worthless(gages: tuple[int, ...]) -> None:
+def test_saturated_gage_marks_all_axes(gages: tuple[int, ...]) -> None:
     client = ready()
-    sent(client, T0 + 0.005)
+    sent_frames(client, T0 + 0.005)
     client.receive(sample(gages), T0 + 0.006)
     assert events(client)[0].saturated == 0b111111
 
@@ -208,36 +210,36 @@ def test_a_gage_at_its_end_makes_all_axes_worthless(gages: tuple[int, ...]) -> N
 @pytest.mark.parametrize(
     ("status", "lost"), [(0x8040, True), (0x8020, True), (0x9000, True), (0x8100, False), (0xC000, False)]
 )
-def test_a_critical_status_makes_all_axes_worthless(status: int, lost: bool) -> None:
+def test_critical_status_marks_all_axes(status: int, lost: bool) -> None:
     client = ready()
-    sent(client, T0 + 0.005)
+    sent_frames(client, T0 + 0.005)
     client.receive(sample(status=status), T0 + 0.006)
     notice, frame = events(client)
     assert isinstance(notice, SensorNotice)
     assert bool(frame.saturated) is lost
 
 
-def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:
+def test_constantly_changing_status_is_limited_in_the_recording() -> None:
     client = ready()
     for k in range(200):
         now = T0 + 0.005 * (k + 1)
-        sent(client, now)
+        sent_frames(client, now)
         client.receive(sample(status=k << 8), now)
     assert len([event for event in events(client) if isinstance(event, SensorNotice)]) == 16
 
 
-def test_a_session_does_not_begin_with_a_critical_status() -> None:
-    client = asked()
+def test_session_does_not_start_with_a_critical_status() -> None:
+    client = ready_client()
     client.receive(sample(status=0x8040), T0)
     assert "status 8040: bad calibration" in events(client)[-1].text
 
 
-def test_a_watchdog_makes_it_choose_the_slot_and_read_the_matrix_again() -> None:
+def test_watchdog_selects_the_slot_and_reads_the_matrix_again() -> None:
     client = ready()
-    sent(client, T0 + 0.005)
+    sent_frames(client, T0 + 0.005)
     client.receive(sample(status=0x8001), T0 + 0.006)
     assert SensorRestarted() in events(client)
-    assert sent(client, T0 + 0.02) == ["206#00"]
+    assert sent_frames(client, T0 + 0.02) == ["206#00"]
 
 
 @pytest.mark.parametrize("text", ["206#01", "20C#"])
@@ -248,14 +250,14 @@ def test_another_host_that_changes_the_board_ends_the_session(text: str) -> None
     assert "another host" in failed.text
 
 
-def test_another_host_that_only_asks_is_told_once() -> None:
+def test_another_host_that_only_polls_is_reported_once() -> None:
     client = ready()
     client.receive(frames("200#", "20F#", "207#"), T0 + 0.002)
     assert [type(event) for event in events(client)] == [SensorNotice]
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("answer", "message"),
     [
         (["202#7FC000007FC00000"], "not a number"),
         (
@@ -264,23 +266,23 @@ def test_another_host_that_only_asks_is_told_once() -> None:
         ),
     ],
 )
-def test_a_matrix_that_cannot_be_ends_the_session(answer: list[str], words: str) -> None:
+def test_invalid_matrix_ends_the_session(answer: list[str], message: str) -> None:
     client = AtiCanClient(AtiCanClientProfile(), T0)
-    sent(client, T0)
+    sent_frames(client, T0)
     client.receive(frames("20F#03080002", "205#4654343437320000", "206#00"), T0)
     client.receive(frames(*answer), T0)
     (failed,) = events(client)
-    assert words in failed.text
+    assert message in failed.text
 
 
-def test_an_echo_of_another_slot_ends_the_session() -> None:
+def test_echo_of_another_slot_ends_the_session() -> None:
     client = AtiCanClient(AtiCanClientProfile(slot=2), T0)
-    sent(client, T0)
+    sent_frames(client, T0)
     client.receive(frames("20F#03080002", "205#4654343437320000", "206#00"), T0)
-    assert "not chosen slot 2" in events(client)[-1].text
+    assert "not selected slot 2" in events(client)[-1].text
 
 
-def test_frames_of_others_are_passed_over_and_a_stop_asks_for_nothing() -> None:
+def test_other_frames_are_ignored_and_a_stop_sends_nothing() -> None:
     client = ready()
     client.receive(
         [CanFrame(0x210, b"x"), CanFrame(0x200, b"", extended=True), CanFrame(0x20C, remote=True)], T0
@@ -293,7 +295,7 @@ def test_frames_of_others_are_passed_over_and_a_stop_asks_for_nothing() -> None:
     assert client.next_deadline() is None
 
 
-def test_what_the_interface_says_of_the_bus_is_told_once() -> None:
+def test_bus_report_of_the_interface_is_reported_once() -> None:
     client = ready()
     report = encode_error(CanErrorReport(ErrorClass.BUS_OFF))
     client.receive([report, report, CanFrame(0x7FF, b"", error=True)], T0)
@@ -306,6 +308,6 @@ def test_no_frames_raise(data: list[tuple[int, bytes]], begun: bool) -> None:
     client = ready() if begun else AtiCanClient(AtiCanClientProfile(), T0)
     for k, (number, payload) in enumerate(data):
         now = T0 + 0.01 * (k + 1)
-        sent(client, now)
+        sent_frames(client, now)
         client.receive([CanFrame(number, payload)], now)
         events(client)

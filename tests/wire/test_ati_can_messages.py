@@ -1,4 +1,4 @@
-"""Frames of a NETCANOEM board: golden, both ways, and anything at all."""
+"""Frames of a NETCANOEM board: golden bytes, both directions, and arbitrary bytes."""
 
 from contextlib import suppress
 
@@ -18,11 +18,11 @@ from protocol.devices.ati_can.messages import (
     decode_sample,
     decode_sample_rest,
     decode_units,
+    describe_status_bits,
     encode_counts,
     encode_row,
     encode_sample,
     question,
-    status_words,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
@@ -62,7 +62,7 @@ def test_questions_are_the_golden_frames() -> None:
 
 
 @pytest.mark.parametrize(("status", "first"), [(0, "200#000003E80BB81388"), (0x8040, "200#804003E80BB81388")])
-def test_a_sample_is_the_golden_frames_both_ways(status: int, first: str) -> None:
+def test_sample_is_the_golden_frames_both_ways(status: int, first: str) -> None:
     one, two = encode_sample(BASE, status, GAGES)
     assert text(one, two) == [first, "201#F830F060E890"]
     assert decode_sample(one.data) == (status, GAGES[0::2])
@@ -71,7 +71,7 @@ def test_a_sample_is_the_golden_frames_both_ways(status: int, first: str) -> Non
         encode_sample(BASE, 0, (40000,) * 6)
 
 
-def test_the_matrix_is_the_golden_frames_both_ways() -> None:
+def test_matrix_is_the_golden_frames_both_ways() -> None:
     fx = encode_row(BASE, FX)
     assert text(*fx) == ["202#C13B15B8C0562E53", "203#42031B1BC467A959", "204#421A13B6446585E2"]
     assert text(*encode_row(BASE, TX)) == [
@@ -79,11 +79,11 @@ def test_the_matrix_is_the_golden_frames_both_ways() -> None:
         "203#C1B421CBC01D06A9",
         "204#41B46957C04C953A",
     ]
-    found = [value for frame in fx for value in decode_pair(frame.data)]
-    assert found == pytest.approx(FX, rel=1e-7)
+    result = [value for frame in fx for value in decode_pair(frame.data)]
+    assert result == pytest.approx(FX, rel=1e-7)
 
 
-def test_what_else_a_board_tells() -> None:
+def test_other_responses_of_a_board_are_decoded() -> None:
     assert text(encode_counts(BASE, 1_000_000, 1_000_000)) == ["207#000F4240000F4240"]
     assert decode_counts(bytes.fromhex("000F4240000F4240")) == (1_000_000, 1_000_000)
     assert decode_units(b"\x02\x03") == (1.0, 1.0)
@@ -104,20 +104,20 @@ def test_what_else_a_board_tells() -> None:
         (decode_firmware, "0308"),
     ],
 )
-def test_what_cannot_be_is_refused(decode: object, data: str) -> None:
+def test_invalid_values_are_refused(decode: object, data: str) -> None:
     assert callable(decode)
     with pytest.raises(RemoteProtocolError):
         decode(bytes.fromhex(data))
 
 
-def test_status_in_words() -> None:
-    assert status_words(0x8040) == "bad calibration"
-    assert status_words(0x8000) == "an error without a name"
-    assert status_words(0) == ""
+def test_status_is_described() -> None:
+    assert describe_status_bits(0x8040) == "bad calibration"
+    assert describe_status_bits(0x8000) == "unnamed error"
+    assert describe_status_bits(0) == ""
     assert [bit for bit in range(16) if CRITICAL >> bit & 1] == [1, 2, 3, 4, 5, 6, 7, 11, 12]
 
 
-def test_a_client_hears_one_board_alone() -> None:
+def test_client_filters_for_one_board() -> None:
     (only,) = heard(BASE)
     assert [only.accepts(CanFrame(number)) for number in (0x1FF, 0x200, 0x20F, 0x210)] == [
         False,
@@ -140,7 +140,7 @@ def test_a_client_hears_one_board_alone() -> None:
         ("020600", "slot", "slot", 0),
     ],
 )
-def test_words_for_a_frame(raw: str, op: str, name: str, value: object) -> None:
+def test_frame_is_described(raw: str, op: str, name: str, value: object) -> None:
     (item,) = describe(bytes.fromhex(raw))
     assert (item["op"], item["problems"]) == (op, [])
     fields = item["fields"]
@@ -148,15 +148,15 @@ def test_words_for_a_frame(raw: str, op: str, name: str, value: object) -> None:
     assert value in [field["value"] for field in fields if field["name"] == name]
 
 
-def test_words_for_a_frame_as_candump_writes_it() -> None:
+def test_frame_in_candump_format_is_described() -> None:
     assert describe(b"200#000003E80BB81388")[0]["op"] == "sample"
-    assert describe(b"20A#")[0]["problems"] == ["A is no operation"]
+    assert describe(b"20A#")[0]["problems"] == ["A is not an operation"]
     assert describe(b"200#0000")[0]["problems"] == ["the first half of a sample has 8 bytes, got 2"]
     assert describe(b"xyz#zz")[0]["problems"]
 
 
 @given(st.binary(max_size=14))
-def test_no_bytes_raise_anything_else(data: bytes) -> None:
+def test_arbitrary_bytes_raise_only_remote_errors(data: bytes) -> None:
     assert describe(data)
     assert describe(b"200#" + data)
     for decode in (

@@ -1,4 +1,4 @@
-"""Error reports of CAN interfaces: golden frames, round trips, reading without trust, words."""
+"""Error reports of CAN interfaces: golden frames, round trips, untrusted input, and descriptions."""
 
 import pytest
 from hypothesis import given, settings
@@ -81,16 +81,16 @@ GOLDEN = {
 
 @pytest.mark.parametrize("key", GOLDEN, ids=lambda key: f"{key[0]:03X}#{key[1]}")
 def test_golden_frames_feed_encoder_and_decoder(key: tuple[int, str]) -> None:
-    report, state, words = GOLDEN[key]
+    report, state, text = GOLDEN[key]
     frame = CanFrame(key[0], bytes.fromhex(key[1]), error=True)
     assert decode_error(frame) == report
     assert encode_error(report) == frame
     assert report.state is state
-    assert str(report) == words
+    assert str(report) == text
     assert str(frame).replace("!", "#") == f"{key[0]:03X}#{key[1]}" != str(frame)
 
 
-def test_an_interface_that_is_down_is_no_report_of_linux() -> None:
+def test_interface_down_is_not_a_linux_report() -> None:
     frame = encode_error(CanErrorReport(ErrorClass.INTERFACE_DOWN), at=2.5)
     assert frame.identifier > 0x7FF
     assert frame.received_at == 2.5
@@ -109,7 +109,7 @@ def test_every_report_survives_the_wire(identifier: int, data: bytes) -> None:
 
 @given(st.lists(st.sampled_from(sorted(GOLDEN)), max_size=6), st.integers(0, 6))
 @settings(max_examples=50)
-def test_reports_mean_the_same_whatever_came_before(keys: list[tuple[int, str]], split: int) -> None:
+def test_reports_do_not_depend_on_earlier_ones(keys: list[tuple[int, str]], split: int) -> None:
     batch = [CanFrame(identifier, bytes.fromhex(data), error=True) for identifier, data in keys]
     parts = [decode_error(frame) for part in (batch[:split], batch[split:]) for frame in part]
     assert parts == [GOLDEN[key][0] for key in keys]
@@ -117,7 +117,7 @@ def test_reports_mean_the_same_whatever_came_before(keys: list[tuple[int, str]],
 
 @given(st.binary(max_size=7))
 @settings(max_examples=50)
-def test_a_short_report_is_refused_and_the_next_one_understood(data: bytes) -> None:
+def test_short_report_is_refused_and_the_next_one_understood(data: bytes) -> None:
     with pytest.raises(RemoteProtocolError, match=f"8 bytes, got {len(data)}"):
         decode_error(CanFrame(0x040, data, error=True))
     assert decode_error(CanFrame(0x040, bytes(8), error=True)).state is ErrorState.BUS_OFF
@@ -145,11 +145,11 @@ def test_arbitrary_frames_are_understood_or_refused(
         CanErrorReport(ErrorClass.COUNTERS, counters=(256, 0)),
     ],
 )
-def test_what_has_no_place_is_refused(report: CanErrorReport) -> None:
+def test_unencodable_report_is_refused(report: CanErrorReport) -> None:
     with pytest.raises(LocalProtocolError):
         encode_error(report)
 
 
-def test_a_frame_of_a_node_is_no_report() -> None:
+def test_frame_of_a_node_is_no_report() -> None:
     with pytest.raises(LocalProtocolError, match="not an error report"):
         decode_error(CanFrame(0x040, bytes(8)))

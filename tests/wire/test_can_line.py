@@ -1,4 +1,4 @@
-"""Bits, stuff bits, time and rank of frames, against published frames and a count written differently."""
+"""Bits, stuff bits, duration and priority of frames, against published frames and an independent count."""
 
 import random
 
@@ -24,8 +24,8 @@ def frames() -> st.SearchStrategy[CanFrame]:
     return st.builds(build, st.booleans(), st.booleans(), st.integers(0, 2**29 - 1), st.binary(max_size=8))
 
 
-def spelled(frame: CanFrame) -> str:
-    """The unstuffed bits up to the checksum as text, field by field; the checksum by long division."""
+def spelling_of(frame: CanFrame) -> str:
+    """Return the unstuffed bits up to the CRC as text, field by field; the CRC by long division."""
     length = f"{len(frame.data):04b}"
     data = "" if frame.remote else "".join(f"{byte:08b}" for byte in frame.data)
     remote = "1" if frame.remote else "0"
@@ -44,7 +44,7 @@ def spelled(frame: CanFrame) -> str:
 
 
 def stuffed(text: str) -> str:
-    """The text with its stuff bits."""
+    """Return the text with its stuff bits."""
     out = ""
     for bit in text:
         out += bit
@@ -63,9 +63,9 @@ def stuffed(text: str) -> str:
         (0xD370401, "A8F300", 0x29DB),
     ],
 )
-def test_the_spelled_checksum_is_that_of_captured_frames(identifier: int, data: str, checksum: int) -> None:
+def test_bitwise_crc_matches_captured_frames(identifier: int, data: str, checksum: int) -> None:
     frame = CanFrame(identifier, bytes.fromhex(data), extended=True)
-    text = spelled(frame)
+    text = spelling_of(frame)
     assert int(text[-15:], 2) == checksum
     assert len(text) == 39 + 4 * len(data) + 15
 
@@ -84,14 +84,14 @@ def test_nominal_lengths() -> None:
         assert frame_time_bits(frame) == stuffed_bits(frame) + 2 + 8
 
 
-def test_a_frame_of_zeros_has_a_stuff_bit_after_every_five() -> None:
+def test_frame_of_zeros_has_a_stuff_bit_after_every_five() -> None:
     # identifier, length and checksum 0: 34 dominant bits
-    assert spelled(CanFrame(0)) == "0" * 34
+    assert spelling_of(CanFrame(0)) == "0" * 34
     assert stuff_bits(CanFrame(0)) == 6
     assert line_bits(CanFrame(0)) == 53
 
 
-def test_a_thousand_frames_have_the_bits_that_a_spelled_count_gives() -> None:
+def test_thousand_frames_have_the_bits_of_a_bitwise_count() -> None:
     draw = random.Random(11898)
     for _ in range(1000):
         extended = draw.random() < 0.5
@@ -101,7 +101,7 @@ def test_a_thousand_frames_have_the_bits_that_a_spelled_count_gives() -> None:
         )
         number = draw.getrandbits(29 if extended else 11) & draw.choice((0, 0x1F00003F, 0x1FFFFFFF))
         frame = CanFrame(number, data, extended=extended, remote=draw.random() < 0.2)
-        text = spelled(frame)
+        text = spelling_of(frame)
         line = stuffed(text)
         assert stuff_bits(frame) == len(line) - len(text)
         assert line_bits(frame) == len(line) + 1 + 2 + 7 + 3
@@ -109,9 +109,9 @@ def test_a_thousand_frames_have_the_bits_that_a_spelled_count_gives() -> None:
 
 @given(frames())
 @settings(max_examples=200)
-def test_stuff_bits_keep_below_the_known_bound(frame: CanFrame) -> None:
+def test_stuff_bits_stay_below_the_known_bound(frame: CanFrame) -> None:
     # Davis et al., Controller Area Network schedulability analysis, 2007: (g + 8 s − 1) / 4
-    assert stuff_bits(frame) <= (len(spelled(frame)) - 1) // 4
+    assert stuff_bits(frame) <= (len(spelling_of(frame)) - 1) // 4
 
 
 def rivals() -> st.SearchStrategy[CanFrame]:
@@ -127,14 +127,14 @@ def rivals() -> st.SearchStrategy[CanFrame]:
 
 @given(rivals(), rivals())
 @settings(max_examples=200)
-def test_the_rank_is_the_order_in_which_dominant_bits_overrule(one: CanFrame, other: CanFrame) -> None:
+def test_rank_is_the_order_of_arbitration(one: CanFrame, other: CanFrame) -> None:
     def key(frame: CanFrame) -> tuple[int, bool, bool]:
         return frame.identifier, frame.extended, frame.remote
 
     if key(one) == key(other):
         assert arbitration_rank(one) == arbitration_rank(other)
         return
-    ours, theirs = stuffed(spelled(one)), stuffed(spelled(other))
+    ours, theirs = stuffed(spelling_of(one)), stuffed(spelling_of(other))
     winner = next(one if a == "0" else other for a, b in zip(ours, theirs, strict=False) if a != b)
     loser = other if winner is one else one
     assert arbitration_rank(winner) < arbitration_rank(loser)
@@ -152,5 +152,5 @@ def test_the_rank_is_the_order_in_which_dominant_bits_overrule(one: CanFrame, ot
         (CanFrame(0x040, bytes(8), error=True), True),
     ],
 )
-def test_a_filter_compares_the_bits_of_its_mask(frame: CanFrame, passes: bool) -> None:
+def test_filter_compares_the_bits_of_its_mask(frame: CanFrame, passes: bool) -> None:
     assert CanFilter(0x601, 0x77F).accepts(frame) == passes

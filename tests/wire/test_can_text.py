@@ -1,4 +1,4 @@
-"""A CAN frame as text and back."""
+"""Conversion of CAN frames to text and back."""
 
 import pytest
 from hypothesis import given
@@ -11,7 +11,7 @@ from protocol.can.text import parse_candump, parse_frame
 @given(
     st.booleans(), st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), st.sampled_from(["", "remote", "error"])
 )
-def test_a_frame_comes_back_whole(extended: bool, number: int, data: bytes, mark: str) -> None:
+def test_frame_text_round_trips(extended: bool, number: int, data: bytes, mark: str) -> None:
     identifier = number if extended else number & 0x7FF
     content = bytes(len(data)) if mark == "remote" else data
     frame = CanFrame(identifier, content, extended, remote=mark == "remote", error=mark == "error")
@@ -35,12 +35,12 @@ def test_any_text_is_a_frame_or_a_value_error(text: str) -> None:
         ("60#", "column 1: an identifier has 3 or 8 digits"),
         ("801#", "column 1: identifier 801 is too large"),
         ("601#0", "column 6: half a byte"),
-        ("601#R9", "column 6: a remote frame asks for 0 … 8 bytes"),
-        ("601#R٣", "column 6: a remote frame asks for 0 … 8 bytes"),
+        ("601#R9", "column 6: a remote frame requests 0 … 8 bytes"),
+        ("601#R٣", "column 6: a remote frame requests 0 … 8 bytes"),
         ("601#" + 18 * "0", "column 21: a frame holds at most 8 bytes"),
     ],
 )
-def test_what_is_no_frame_is_told_by_its_column(text: str, fault: str) -> None:
+def test_invalid_frame_is_reported_by_its_column(text: str, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         parse_frame(text)
 
@@ -70,22 +70,22 @@ def test_line_of_candump_is_read(line: str, at: float | None, channel: str, fram
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
-        ("can0  123   [3]  11 22", r"\[3\] bytes are announced, and 2 are there"),
-        ("can0  123   [1]  11 22", r"\[1\] bytes are announced, and 2 are there"),
+        ("can0  123   [3]  11 22", r"\[3\] bytes are announced, but 2 are present"),
+        ("can0  123   [1]  11 22", r"\[1\] bytes are announced, but 2 are present"),
         ("can0  123  [12]  11 22", "CAN FD"),
         ("(1.0) can0 123##1112233", "CAN FD"),
-        ("(nan) can0 123#11", "'nan' is no time"),
+        ("(nan) can0 123#11", "invalid time 'nan'"),
         ("(noon) can0 123#11", "noon"),
         ("(1.0) can0 123#1", "half a byte"),
-        ("can0  123   [2]  11`22", "no line of candump"),
+        ("can0  123   [2]  11`22", "not a line of candump"),
         ("can0  1234   [0]", "3 or 8 digits"),
-        ("can0  123   [0] " + " 'a'" * 100 + "x", "no line of candump"),
-        ("", "no line of candump"),
-        ("0.1 S3 06", "no line of candump"),
+        ("can0  123   [0] " + " 'a'" * 100 + "x", "not a line of candump"),
+        ("", "not a line of candump"),
+        ("0.1 S3 06", "not a line of candump"),
     ],
 )
-def test_other_line_than_of_candump_is_refused(line: str, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_other_line_than_of_candump_is_refused(line: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         parse_candump(line)

@@ -38,7 +38,7 @@ def decoded(device: str, *frames: CanFrame) -> dict[str, float]:
 
 
 @given(st.integers(0, 65535), SIX)
-def test_gages_and_status_of_a_board(status: int, gages: tuple[int, ...]) -> None:
+def test_board_sample_decodes_to_status_and_gages(status: int, gages: tuple[int, ...]) -> None:
     assert decoded("board", *encode_sample(BASE, status, gages)) == {
         "status": status,
         **{f"sg{k}": gage for k, gage in enumerate(gages)},
@@ -46,7 +46,7 @@ def test_gages_and_status_of_a_board(status: int, gages: tuple[int, ...]) -> Non
 
 
 @given(st.lists(st.floats(-1e6, 1e6, width=32), min_size=6, max_size=6))
-def test_a_row_of_the_matrix(row: list[float]) -> None:
+def test_row_of_the_matrix(row: list[float]) -> None:
     assert decoded("board", *encode_row(BASE, row)) == {f"sg{k}": value for k, value in enumerate(row)}
 
 
@@ -56,9 +56,7 @@ def test_counts_for_a_unit(force: int, torque: int) -> None:
 
 
 @given(SIX, st.integers(0, 65535))
-def test_forces_and_moments_of_a_gateway_have_their_share_of_the_full_scale(
-    counts: tuple[int, ...], counter: int
-) -> None:
+def test_gateway_values_scale_with_the_full_scale(counts: tuple[int, ...], counter: int) -> None:
     values = decoded("gateway", *gateway.encode_sample(NODE, counts, counter))
     assert values.pop("counter") == counter
     assert list(values) == ["fx", "fy", "fz", "mx", "my", "mz"]
@@ -68,7 +66,7 @@ def test_forces_and_moments_of_a_gateway_have_their_share_of_the_full_scale(
 
 
 @given(st.integers(0, 65535), st.integers(0, 2**32 - 1))
-def test_a_command_to_a_gateway_tells_hertz_and_seconds(cutoff: int, period: int) -> None:
+def test_gateway_command_is_in_hertz_and_seconds(cutoff: int, period: int) -> None:
     frame = gateway.encode_command(gateway.Command(gateway.Op.START_ASYNC, NODE, cutoff, period))
     assert decoded("gateway", frame) == {
         "cutoff": pytest.approx(cutoff / 100),
@@ -77,9 +75,7 @@ def test_a_command_to_a_gateway_tells_hertz_and_seconds(cutoff: int, period: int
 
 
 @given(st.sampled_from(MESSAGES), st.data())
-def test_every_message_decodes_to_what_its_table_says(
-    of: tuple[str, CanMessage], data: st.DataObject
-) -> None:
+def test_every_message_decodes_by_its_table(of: tuple[str, CanMessage], data: st.DataObject) -> None:
     device, message = of
     raw = data.draw(st.binary(min_size=message.layout.size, max_size=message.layout.size))
     read = DATABASES[device].decode_message(message.identifier, raw)
@@ -94,7 +90,7 @@ def test_every_message_decodes_to_what_its_table_says(
         assert (signals[name].unit or "") == item["unit"]
 
 
-def test_acknowledge_of_either_length_decodes_strictly() -> None:
+def test_acknowledge_of_both_lengths_decodes_strictly() -> None:
     """cantools refuses a frame that is shorter than its message, and reads a longer one as far as the message goes."""
     for scales in (None, (115, 111, 185)):
         frame = gateway.encode_acknowledge(NODE, gateway.Acknowledge(1, scales))
@@ -119,7 +115,7 @@ def test_both_orders_of_bytes_signs_and_kinds_of_numbers() -> None:
             ),
         )
         raw = struct.pack(f"{order}bBhHiId", -2, 254, -300, 65000, -70000, 4_000_000_000, math.pi)
-        found = load("any", [CanMessage(1, "all", layout, True)])
-        assert found.messages[0].senders == ["any"]
-        values = found.messages[0].decode(raw)
+        database = load("any", [CanMessage(1, "all", layout, True)])
+        assert database.messages[0].senders == ["any"]
+        values = database.messages[0].decode(raw)
         assert list(values.values()) == [-2, 254, -300, 65000, -70000, 4_000_000_000, math.pi]

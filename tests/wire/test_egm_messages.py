@@ -1,4 +1,4 @@
-"""Datagrams of Externally Guided Motion: those of the specification byte for byte, and whatever else may come."""
+"""Datagrams of Externally Guided Motion: the specification's examples byte for byte, and arbitrary bytes."""
 
 import math
 from contextlib import suppress
@@ -114,7 +114,7 @@ ANSWERS: list[tuple[Answer, bytes]] = [
     [(FIRST, R1, RobotWare.RW6_10), (GUIDING, R2, RobotWare.RW7)],
     ids=["RobotWare 6.10", "RobotWare 7"],
 )
-def test_a_robots_golden_datagram_reads_and_writes_byte_for_byte(
+def test_robots_golden_datagram_reads_and_writes_byte_for_byte(
     message: RobotMessage, data: bytes, version: RobotWare
 ) -> None:
     assert encode_robot(message, version) == data
@@ -122,18 +122,18 @@ def test_a_robots_golden_datagram_reads_and_writes_byte_for_byte(
 
 
 @pytest.mark.parametrize(("message", "data"), ANSWERS, ids=["S1", "S2", "S3", "S4", "S5", "C1"])
-def test_a_golden_answer_reads_and_writes_byte_for_byte(message: Answer, data: bytes) -> None:
+def test_golden_answer_reads_and_writes_byte_for_byte(message: Answer, data: bytes) -> None:
     assert encode_answer(message) == data
     assert decode_answer(data) == message
 
 
-def test_the_oldest_robot_tells_neither_time_nor_utilisation() -> None:
+def test_oldest_robot_reports_neither_time_nor_utilisation() -> None:
     read = decode_robot(encode_robot(FIRST, RobotWare.RW6_06))
     without = PLACE._replace(time_us=None)
     assert read == FIRST._replace(feedback=without, planned=without, utilization_percent=None)
 
 
-def test_the_force_is_read_in_both_shapes_whatever_the_version_was_taken_for() -> None:
+def test_force_is_decoded_in_both_schemas_for_any_version() -> None:
     for version in RobotWare:
         assert decode_robot(encode_robot(FIRST, version)).force == FORCE
 
@@ -141,23 +141,23 @@ def test_the_force_is_read_in_both_shapes_whatever_the_version_was_taken_for() -
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (S1[:-1], "damaged or cut off"),
+        (S1[:-1], "damaged or truncated"),
         (bytes.fromhex("0a06080010001803123c123a0a12090000000000c0824011000000000000000012240900000000000000"
                        "00110000000000000000190000000000" "00f03f210000000000000000"), "missing"),
-        (R2, "damaged or cut off"),
+        (R2, "damaged or truncated"),
         (b"", "message type 0"),
         (S1.replace(bytes.fromhex("1803"), bytes.fromhex("1802")), "message type 2"),
         (b"x" * (LARGEST_BYTES + 1), "more than 1500"),
-        (bytes.fromhex("0a0408001804"), "without a correction"),
+        (bytes.fromhex("0a0408001804"), "the correction is missing"),
     ],
 )  # fmt: skip
-def test_an_answer_that_no_robot_may_use_is_refused_with_its_reason(data: bytes, reason: str) -> None:
+def test_unusable_answer_is_refused_with_its_reason(data: bytes, reason: str) -> None:
     with pytest.raises(RemoteProtocolError, match=reason):
         decode_answer(data)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_number_that_is_none_is_neither_sent_nor_taken(bad: float) -> None:
+def test_invalid_number_is_neither_sent_nor_accepted(bad: float) -> None:
     pose = PoseMm((bad, 0.0, 0.0), BACK)
     for message in (
         SensorMessage(0, pose=pose),
@@ -169,11 +169,11 @@ def test_a_number_that_is_none_is_neither_sent_nor_taken(bad: float) -> None:
     for data in (S1, S4):
         index = data.index(b"\x09") + 1
         damaged = data[:index] + (b"\x00" * 6 + b"\xf8\x7f") + data[index + 8 :]
-        with pytest.raises(RemoteProtocolError, match="a number is invalid"):
+        with pytest.raises(RemoteProtocolError, match="contains a number that is not finite"):
             decode_answer(damaged)
 
 
-def test_a_path_correction_is_told_from_a_reference_by_its_type() -> None:
+def test_path_correction_is_distinguished_by_its_type() -> None:
     """Its field numbers are those of an EgmSensor with one joint."""
     misread = message_class("EgmSensor")()
     misread.ParseFromString(S4)
@@ -181,21 +181,21 @@ def test_a_path_correction_is_told_from_a_reference_by_its_type() -> None:
     assert isinstance(decode_answer(S4), PathCorrection)
 
 
-def test_arrays_that_are_too_long_are_refused() -> None:
+def test_too_long_arrays_are_refused() -> None:
     for message in (SensorMessage(0, joints_deg=(0.0,) * 7), SensorMessage(0, dnum=(0.0,) * 41)):
-        with pytest.raises(RemoteProtocolError, match="are the most"):
+        with pytest.raises(RemoteProtocolError, match="allowed: at most"):
             decode_answer(encode_answer(message))
     assert decode_answer(encode_answer(SensorMessage(0, dnum=(1.0,) * 40))) == SensorMessage(
         0, dnum=(1.0,) * 40
     )
 
 
-def test_packed_numbers_and_unknown_fields_are_read_too() -> None:
+def test_packed_numbers_and_unknown_fields_are_decoded() -> None:
     packed = bytes.fromhex("0a04080018031a3412320a30") + b"\0" * 48 + bytes.fromhex("7a0161")
     assert decode_answer(packed) == SensorMessage(0, None, speed=(0.0,) * 6)
 
 
-def test_a_value_without_a_place_is_refused_before_it_is_sent() -> None:
+def test_unencodable_value_is_refused_before_sending() -> None:
     with pytest.raises(LocalProtocolError, match="EgmRobot"):
         encode_robot(FIRST._replace(move_index=-1), RobotWare.RW7)
     with pytest.raises(LocalProtocolError, match="EgmSensor"):
@@ -229,7 +229,7 @@ def test_euler_angles_turn_about_x_then_y_then_z(angles: tuple[float, float, flo
     assert angle_between(quaternion, read.pose.quaternion) < 1e-6
 
 
-def test_the_messages_stay_out_of_the_pool_that_other_packages_share() -> None:
+def test_messages_do_not_use_the_shared_descriptor_pool() -> None:
     with pytest.raises(KeyError):
         descriptor_pool.Default().FindMessageTypeByName("abb.egm.EgmRobot")
 
@@ -273,12 +273,12 @@ answers = st.builds(
 
 
 @given(messages)
-def test_a_robots_message_survives_the_wire(message: RobotMessage) -> None:
+def test_robots_message_survives_the_wire(message: RobotMessage) -> None:
     assert decode_robot(encode_robot(message, RobotWare.RW7)) == message
 
 
 @given(answers)
-def test_an_answer_survives_the_wire(message: Answer) -> None:
+def test_answer_survives_the_wire(message: Answer) -> None:
     assert decode_answer(encode_answer(message)) == message
 
 
@@ -289,7 +289,7 @@ def test_an_answer_survives_the_wire(message: Answer) -> None:
         st.integers(0, 255),
     )
 ))  # fmt: skip
-def test_no_bytes_raise_anything_else(data: bytes) -> None:
+def test_arbitrary_bytes_raise_only_remote_errors(data: bytes) -> None:
     for decode in (decode_robot, decode_answer):
         with suppress(RemoteProtocolError):
             decode(data)
@@ -299,7 +299,7 @@ def test_no_bytes_raise_anything_else(data: bytes) -> None:
 # --- in words
 
 
-def test_a_robots_datagram_in_words() -> None:
+def test_robot_datagram_is_described() -> None:
     (item,) = describe(R2)
     assert (item["message"], item["direction"], item["size"]) == ("EgmRobot", "from robot", 379)
     assert item["problems"] == []
@@ -315,7 +315,7 @@ def test_a_robots_datagram_in_words() -> None:
     assert fields["mciState.state"]["value"] == "MCI_RUNNING"
 
 
-def test_an_older_robots_force_is_in_its_words_too() -> None:
+def test_force_of_an_older_robot_is_described() -> None:
     (item,) = describe(R1)
     assert {"name": "measuredForce.force", "value": list(FORCE), "unit": "N, N·m"} in item["fields"]
 
@@ -329,7 +329,7 @@ def test_an_older_robots_force_is_in_its_words_too() -> None:
         (S5, "EgmSensor", ("RAPIDtoRobot.dnum", "")),
     ],
 )
-def test_an_answer_in_words(data: bytes, message: str, field: tuple[str, str]) -> None:
+def test_answer_is_described(data: bytes, message: str, field: tuple[str, str]) -> None:
     (item,) = describe(data)
     assert (item["message"], item["direction"], item["problems"]) == (message, "to robot", [])
     assert field in [(one["name"], one["unit"]) for one in item["fields"]]
@@ -344,14 +344,14 @@ def test_an_answer_in_words(data: bytes, message: str, field: tuple[str, str]) -
         (FIRST._replace(dnum=(0.0,) * 41), "holds 41 numbers"),
     ],
 )
-def test_a_datagram_with_which_clients_cannot_work_says_so(message: RobotMessage, problem: str) -> None:
+def test_datagram_unusable_for_clients_has_problems(message: RobotMessage, problem: str) -> None:
     (item,) = describe(encode_robot(message, RobotWare.RW7))
     assert [problem in text for text in item["problems"]] == [True]
 
 
-def test_an_answer_that_is_not_heeded_says_why() -> None:
+def test_ignored_answer_is_explained() -> None:
     (item,) = describe(encode_answer(SensorMessage(0, joints_deg=(0.0,) * 7)))
-    assert item["problems"] == ["it is not heeded: EgmSensor: 7 numbers where 6 are the most"]
+    assert item["problems"] == ["it is ignored: EgmSensor: 7 numbers; allowed: at most 6"]
 
 
 @pytest.mark.parametrize("data", [b"", b"\xff", S1[:-1], b"\x08\x01"])

@@ -1,4 +1,4 @@
-"""Field tables, settings with marks, and CAN frames: what every codec stands on."""
+"""Field tables, settings with marks, and CAN frames: the foundations of every codec."""
 
 import struct
 from dataclasses import dataclass
@@ -23,44 +23,44 @@ LAYOUT = Layout(
 )
 
 
-def test_bytes_lie_where_the_table_says_and_gaps_are_zero() -> None:
+def test_bytes_match_the_table_and_gaps_are_zero() -> None:
     assert LAYOUT.pack({"kind": 7, "height": -2}) == bytes.fromhex("00 07 00 00 FF FE 00 00")
     assert LAYOUT.unpack(bytes.fromhex("AA 07 AA AA FF FE AA AA AA")) == {"kind": 7, "height": -2}
 
 
 @given(st.integers(0, 255), st.integers(-32768, 32767))
-def test_what_is_packed_is_unpacked(kind: int, height: int) -> None:
+def test_unpack_inverts_pack(kind: int, height: int) -> None:
     values = {"kind": kind, "height": height}
     assert LAYOUT.unpack(LAYOUT.pack(values)) == values
 
 
 @pytest.mark.parametrize("values", [{"kind": 256}, {"kind": -1}, {"kind": 1.5}, {"width": 1}])
-def test_what_the_table_cannot_hold_is_our_fault(values: dict[str, float]) -> None:
+def test_value_beyond_a_field_is_a_local_error(values: dict[str, float]) -> None:
     with pytest.raises(LocalProtocolError, match="sample"):
         LAYOUT.pack(values)
 
 
 @given(st.integers(0, 255), st.integers(-32768, 32767))
-def test_a_row_has_the_fields_by_offset(kind: int, height: int) -> None:
+def test_row_has_the_fields_by_offset(kind: int, height: int) -> None:
     data = LAYOUT.pack_row(kind, height)
     assert data == LAYOUT.pack({"kind": kind, "height": height})
     assert LAYOUT.unpack_row(data + b"more") == (kind, height)
 
 
 @pytest.mark.parametrize("row", [(), (1,), (1, 2, 3), (256, 1), ("a", 1)])
-def test_a_row_that_does_not_fit_is_our_fault(row: tuple[int, ...]) -> None:
+def test_invalid_row_is_a_local_error(row: tuple[int, ...]) -> None:
     with pytest.raises(LocalProtocolError, match="sample"):
         LAYOUT.pack_row(*row)
 
 
 @given(st.binary(max_size=7))
-def test_a_short_payload_is_the_other_sides_fault(data: bytes) -> None:
+def test_short_payload_is_the_other_sides_fault(data: bytes) -> None:
     for read in (LAYOUT.unpack, LAYOUT.unpack_row):
         with pytest.raises(RemoteProtocolError, match="sample needs 8 bytes"):
             read(data)
 
 
-def test_people_read_values_in_units_with_their_marks() -> None:
+def test_description_has_units_and_marks() -> None:
     height, kind = LAYOUT.describe(LAYOUT.pack({"kind": 7, "height": -2}))
     assert (height["raw"], height["value"], height["unit"], height["mark"]) == (-2, -0.25, "mm", "observed")
     assert (kind["value"], kind["unit"], kind["mark"]) == (7, "", "assumed")
@@ -70,10 +70,10 @@ def test_people_read_values_in_units_with_their_marks() -> None:
     ("fields", "message"),
     [
         ((Field("a", 0, "H", Mark.ASSUMED), Field("b", 1, "B", Mark.ASSUMED)), "field b overlaps"),
-        ((Field("a", 3, "H", Mark.ASSUMED),), "fields end at 5, past the size 4"),
+        ((Field("a", 3, "H", Mark.ASSUMED),), "fields end at 5, beyond the size 4"),
     ],
 )
-def test_a_table_that_contradicts_itself_is_refused(fields: tuple[Field, ...], message: str) -> None:
+def test_contradictory_table_is_refused(fields: tuple[Field, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Layout("broken", 4, "<", fields).pack({})
 
@@ -89,7 +89,7 @@ class Profile:
         check_settings(self)
 
 
-def test_settings_tell_value_default_and_mark() -> None:
+def test_settings_have_value_default_and_mark() -> None:
     delay, scales, name = settings(Profile(delay_ms=3.0))
     assert (delay.name, delay.value, delay.default, delay.info.mark) == ("delay_ms", 3.0, 2.0, Mark.ASSUMED)
     assert (scales.value, name.info.meaning) == ((1.0, 2.0), "a word")
@@ -104,12 +104,12 @@ def test_settings_tell_value_default_and_mark() -> None:
         ({"scales": (2.0, 0.5)}, "scales must be at least 1, got 0.5"),
     ],
 )
-def test_a_setting_out_of_bounds_is_named(values: dict[str, object], message: str) -> None:
+def test_setting_out_of_bounds_is_named(values: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Profile(**values)  # type: ignore[arg-type]
 
 
-def test_a_frame_reads_as_candump_writes_it() -> None:
+def test_frame_reads_as_candump_writes_it() -> None:
     assert str(CanFrame(0x201, struct.pack("<HI", 200, 10000))) == "201#C80010270000"
     assert str(CanFrame(0x80)) == "080#"
     assert str(CanFrame(0x12345, extended=True)) == "00012345#"
@@ -121,12 +121,12 @@ def test_a_frame_reads_as_candump_writes_it() -> None:
     ("identifier", "data", "message"),
     [(0x800, b"", "outside 0 … 0x7ff"), (-1, b"", "outside"), (1, bytes(9), "at most 8 bytes, got 9")],
 )
-def test_no_frame_that_no_bus_could_carry(identifier: int, data: bytes, message: str) -> None:
+def test_impossible_frame_is_refused(identifier: int, data: bytes, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         CanFrame(identifier, data).checked()
 
 
-def test_a_frame_with_its_time_is_the_same_frame() -> None:
+def test_frame_with_its_time_is_the_same_frame() -> None:
     for frame in (CanFrame(0x7FF, b"abc", remote=True), CanFrame(0x800, b"", extended=True, error=True)):
         stamped = frame.stamped(7919.5)
         assert (stamped, stamped.received_at, frame.received_at) == (frame, 7919.5, None)
@@ -144,5 +144,5 @@ def test_a_frame_with_its_time_is_the_same_frame() -> None:
         (1e-320, 1, 1e-320),
     ],
 )
-def test_a_raw_value_is_what_a_person_would_write(scale, raw, value):
+def test_raw_value_has_its_decimal_form(scale, raw, value):
     assert Field("v", 0, "h", Mark.ASSUMED, scale=scale).value(raw) == value

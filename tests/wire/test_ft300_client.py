@@ -1,4 +1,4 @@
-"""The client of an FT 300: its questions, its stream, lost answers, silence."""
+"""Client of an FT 300: its requests, its stream, lost responses, and silence."""
 
 from typing import Any
 
@@ -20,10 +20,10 @@ OTHER = encode_message((1, -2, 4, -4, 5, -6))
 
 
 def events(client: Ft300Client) -> list[Any]:
-    found = []
+    items = []
     while (event := client.next_event()) is not None:
-        found.append(event)
-    return found
+        items.append(event)
+    return items
 
 
 def expect(client: Ft300Client, now: float, sent: bytes) -> None:
@@ -32,8 +32,8 @@ def expect(client: Ft300Client, now: float, sent: bytes) -> None:
     assert client.data_to_send(now) == sent
 
 
-def asked(client: Ft300Client) -> None:
-    """The questions before the first sample."""
+def request_all(client: Ft300Client) -> None:
+    """Requests before the first sample."""
     assert client.data_to_send(T0) == STOP
     client.receive(MESSAGE[3:] + MESSAGE, T0 + 0.05)  # of the stream that ends
     expect(client, T0 + 0.11, ASK_VERSION)
@@ -45,7 +45,7 @@ def asked(client: Ft300Client) -> None:
 
 def streaming(**settings: Any) -> Ft300Client:
     client = Ft300Client(Ft300ClientProfile(**settings), T0)
-    asked(client)
+    request_all(client)
     expect(client, T0 + 0.15, START)
     client.receive(STARTED + MESSAGE, T0 + 0.2)
     ready, frame = events(client)
@@ -56,7 +56,7 @@ def streaming(**settings: Any) -> Ft300Client:
     return client
 
 
-def test_it_asks_which_sensor_it_is_and_streams() -> None:
+def test_client_identifies_the_sensor_and_streams() -> None:
     client = streaming()
     client.receive(MESSAGE[:7], T0 + 0.21)
     client.receive(MESSAGE[7:], T0 + 0.22)
@@ -64,15 +64,15 @@ def test_it_asks_which_sensor_it_is_and_streams() -> None:
     assert client.statistics.malformed == 0
 
 
-def test_a_stream_whose_announcement_was_lost_is_taken() -> None:
+def test_stream_with_lost_announcement_is_accepted() -> None:
     client = Ft300Client(Ft300ClientProfile(), T0)
-    asked(client)
+    request_all(client)
     expect(client, T0 + 0.15, START)
     client.receive(MESSAGE + OTHER, T0 + 0.3)
     assert [type(event) for event in events(client)] == [SensorReady, WrenchFrame, WrenchFrame]
 
 
-def test_client_message_that_comes_twice_is_told_once() -> None:
+def test_client_repeated_message_is_reported_once() -> None:
     client = streaming()
     client.receive(OTHER * 2 + MESSAGE, T0 + 0.21)
     client.receive(MESSAGE, T0 + 0.212)
@@ -89,7 +89,7 @@ def test_client_bytes_between_messages_count_by_their_length() -> None:
     assert client.statistics.lost == 2
 
 
-def test_questions_that_are_not_answered_are_asked_again_behind_a_stop() -> None:
+def test_unanswered_requests_are_repeated_after_a_stop() -> None:
     client = Ft300Client(Ft300ClientProfile(tries=3), T0)
     sent, now = [client.data_to_send(T0)], T0
     for _ in range(8):
@@ -102,25 +102,25 @@ def test_questions_that_are_not_answered_are_asked_again_behind_a_stop() -> None
     assert sent == [STOP, ASK_VERSION, STOP, ASK_VERSION, STOP, ASK_VERSION, b""]
     (failed,) = events(client)
     assert isinstance(failed, SensorFailed)
-    assert "asked 3 times" in failed.text
+    assert "after 3 requests" in failed.text
     with pytest.raises(LocalProtocolError):
         client.zero()
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("answer", "message"),
     [
         (encode_exception(READ, 2), "unknown register (2)"),
-        (encode_words(READ, [0x4754, 0x5301, 0x0203]), "no FT 300"),
+        (encode_words(READ, [0x4754, 0x5301, 0x0203]), "not an FT 300"),
     ],
 )
-def test_an_answer_that_will_not_do_ends_the_session(answer: bytes, words: str) -> None:
+def test_invalid_response_ends_the_session(answer: bytes, message: str) -> None:
     client = Ft300Client(Ft300ClientProfile(), T0)
     client.data_to_send(T0)
     expect(client, T0 + 0.11, ASK_VERSION)
     client.receive(answer, T0 + 0.2)
     (failed,) = events(client)
-    assert words in failed.text
+    assert message in failed.text
     client.receive(VERSION, T0 + 0.3)
     assert client.data_to_send(T0 + 0.3) == b""
 
@@ -131,33 +131,33 @@ def test_silence_ends_the_session() -> None:
     assert events(client) == []
     client.handle_deadline(T0 + 1.3)
     (failed,) = events(client)
-    assert "no message came for 1 s" in failed.text
+    assert "no message received for 1 s" in failed.text
 
 
-def test_an_axis_from_its_rating_on_is_not_trusted() -> None:
+def test_axis_from_its_rating_on_is_not_trusted() -> None:
     client = streaming()
     client.receive(encode_message((30000, 29999, -32768, 29999, -30000, 0)), T0 + 0.3)
     (frame,) = events(client)
     assert frame.saturated == 0b010101
 
 
-def test_the_zero_is_the_hosts() -> None:
+def test_zero_is_the_hosts() -> None:
     client = streaming(zero_s=0.02)
     client.zero()
     client.receive(b"".join(encode_message((k, 0, 0, 0, 0, 0)) for k in (10, 12, 20)), T0 + 0.3)
-    told = events(client)
-    assert [type(event) for event in told] == [WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
-    assert told[-1].values[0] == 9.0
+    reports = events(client)
+    assert [type(event) for event in reports] == [WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
+    assert reports[-1].values[0] == 9.0
 
 
-def test_damaged_messages_are_counted_and_left_out() -> None:
+def test_damaged_messages_are_counted_and_skipped() -> None:
     client = streaming()
     client.receive(MESSAGE[:5] + b"\0" + MESSAGE[6:] + MESSAGE, T0 + 0.3)
     assert len(events(client)) == 1
     assert client.statistics.malformed == 1
 
 
-def test_a_stop_is_repeated_while_the_stream_goes_on() -> None:
+def test_stop_is_repeated_while_the_stream_continues() -> None:
     client = streaming()
     client.stop()
     client.stop()
@@ -175,9 +175,9 @@ def test_a_stop_is_repeated_while_the_stream_goes_on() -> None:
 # --- question by question
 
 
-def test_modbus_asks_on_and_on() -> None:
+def test_modbus_client_polls_continuously() -> None:
     client = Ft300Client(Ft300ClientProfile(mode="modbus"), T0)
-    asked(client)
+    request_all(client)
     ask = encode_read(180, 6)
     expect(client, T0 + 0.15, ask)
     client.receive(encode_words(READ, [1, 0xFFFE, 3, 4, 5, 6]), T0 + 0.17)
@@ -204,6 +204,6 @@ def test_no_bytes_raise(data: list[bytes], mode: Any) -> None:
         events(client)
 
 
-def test_settings_that_cannot_be_are_refused() -> None:
+def test_invalid_settings_are_refused() -> None:
     with pytest.raises(ValueError, match="mode must be"):
         Ft300ClientProfile(mode="other")  # type: ignore[arg-type]

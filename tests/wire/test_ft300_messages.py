@@ -1,4 +1,4 @@
-"""Bytes of an FT 300: golden, both ways, and anything at all."""
+"""Bytes of an FT 300: golden bytes, both directions, and arbitrary bytes."""
 
 from contextlib import suppress
 
@@ -32,11 +32,11 @@ NESTED = with_crc(bytes.fromhex("204E204E204E") + bytes(8))
 """A message whose forces look like headers."""
 
 
-def test_the_check_is_that_of_modbus() -> None:
+def test_crc_matches_modbus() -> None:
     assert crc16(b"123456789") == 0x4B37
 
 
-def test_a_message_is_the_golden_bytes_both_ways() -> None:
+def test_message_is_the_golden_bytes_both_ways() -> None:
     assert encode_message(COUNTS) == MESSAGE
     assert decode_message(MESSAGE) == COUNTS
     assert encode_message((0,) * 6) == bytes.fromhex("204E00000000000000000000000062AF")
@@ -65,7 +65,7 @@ def test_frames_are_the_golden_bytes(made: bytes, golden: str) -> None:
     assert made == bytes.fromhex(golden)
 
 
-def test_a_question_is_read_back_and_answered() -> None:
+def test_question_is_read_back_and_answered() -> None:
     start = encode_write(410, 0x0200)
     assert [request_size(start[:n]) for n in (1, 6, 7)] == [None, None, 11]
     request = decode_request(start)
@@ -76,11 +76,11 @@ def test_a_question_is_read_back_and_answered() -> None:
     assert decode_request(encode_read(180, 6))[:4] == (READ, 180, (), 6)
 
 
-def test_an_answer_is_found_behind_other_bytes() -> None:
+def test_response_is_extracted_after_other_bytes() -> None:
     answer = encode_words(READ, [7])
-    found = find_answer(b"\x09\x03\x20" + answer + b"more", READ, 7)
-    assert found is not None
-    payload, end = found
+    result = find_answer(b"\x09\x03\x20" + answer + b"more", READ, 7)
+    assert result is not None
+    payload, end = result
     assert (words_of(bytes(payload) if isinstance(payload, bytes) else b""), end) == ((7,), 10)
     assert find_answer(b"\x20" + encode_exception(READ, 2), READ, 7) == (2, 6)
     assert find_answer(answer[:-1], READ, 7) is None
@@ -88,17 +88,17 @@ def test_an_answer_is_found_behind_other_bytes() -> None:
 
 
 @pytest.mark.parametrize("payload", [b"", b"\x02\x01", b"\x03\x01\x02\x03"])
-def test_an_answer_whose_count_is_wrong_is_refused(payload: bytes) -> None:
+def test_answer_whose_count_is_wrong_is_refused(payload: bytes) -> None:
     with pytest.raises(RemoteProtocolError):
         words_of(payload)
 
 
-def test_a_write_whose_count_is_wrong_is_refused() -> None:
+def test_write_whose_count_is_wrong_is_refused() -> None:
     with pytest.raises(RemoteProtocolError):
         decode_request(with_crc(bytes.fromhex("0910019A0002020200")))
 
 
-def test_values_that_do_not_fit_are_refused() -> None:
+def test_oversized_values_are_refused() -> None:
     with pytest.raises(LocalProtocolError):
         encode_message((40000, 0, 0, 0, 0, 0))
     with pytest.raises(LocalProtocolError):
@@ -106,12 +106,12 @@ def test_values_that_do_not_fit_are_refused() -> None:
 
 
 @pytest.mark.parametrize("data", [MESSAGE[:-1], MESSAGE[:-1] + b"\0", b"x" * 16])
-def test_what_is_no_message_is_refused(data: bytes) -> None:
+def test_invalid_message_is_refused(data: bytes) -> None:
     with pytest.raises(RemoteProtocolError):
         decode_message(data)
 
 
-def test_a_header_inside_the_data_breaks_nothing() -> None:
+def test_header_inside_the_data_is_harmless() -> None:
     reader = StreamReader()
     assert reader.feed(NESTED * 3) == [(20000, 20000, 0, 0, 0, 0)] * 3
     # It may begin inside of a message whose forces look like headers.
@@ -120,26 +120,26 @@ def test_a_header_inside_the_data_breaks_nothing() -> None:
 
 
 @given(st.lists(st.one_of(st.just(MESSAGE), st.just(NESTED), st.binary(max_size=20)), max_size=12), st.data())
-def test_messages_are_the_same_however_the_bytes_are_cut(parts: list[bytes], data: st.DataObject) -> None:
+def test_any_split_of_the_bytes_gives_the_same_messages(parts: list[bytes], data: st.DataObject) -> None:
     raw = b"".join(parts)
-    whole, pieces, at = StreamReader(), StreamReader(), 0
-    found: list[tuple[int, ...]] = []
+    complete, pieces, at = StreamReader(), StreamReader(), 0
+    result: list[tuple[int, ...]] = []
     while at < len(raw):
         size = data.draw(st.integers(1, 30))
-        found += pieces.feed(raw[at : at + size])
+        result += pieces.feed(raw[at : at + size])
         at += size
-    assert found == whole.feed(raw)
-    assert pieces.noises == whole.noises
+    assert result == complete.feed(raw)
+    assert pieces.noises == complete.noises
 
 
 @given(st.integers(0, 15), st.binary(max_size=40))
-def test_behind_noise_a_reader_is_in_step_again(cut: int, noise: bytes) -> None:
-    found = StreamReader().feed(MESSAGE[cut:] + noise + MESSAGE * 4)
-    assert found[-2:] == [COUNTS] * 2
+def test_reader_resynchronises_after_noise(cut: int, noise: bytes) -> None:
+    result = StreamReader().feed(MESSAGE[cut:] + noise + MESSAGE * 4)
+    assert result[-2:] == [COUNTS] * 2
 
 
 @given(st.binary(max_size=60))
-def test_no_bytes_raise_anything_else(data: bytes) -> None:
+def test_arbitrary_bytes_raise_only_remote_errors(data: bytes) -> None:
     with suppress(RemoteProtocolError):
         decode_message(data)
     find_answer(data, READ, 17)
@@ -148,7 +148,7 @@ def test_no_bytes_raise_anything_else(data: bytes) -> None:
     describe(with_crc(b"\x09\x10" + data))
 
 
-def test_words_for_a_line() -> None:
+def test_line_is_described() -> None:
     raw = (
         b"\x01"
         + MESSAGE

@@ -1,4 +1,4 @@
-"""Texts of an FT 300 behind its URCap, and their client: golden, cut anywhere, and anything at all."""
+"""Texts of an FT 300 behind its URCap, and their client: golden bytes, any split, and arbitrary bytes."""
 
 from itertools import pairwise
 from typing import Any
@@ -19,7 +19,7 @@ CAPTURED = (
     b"( -0.080000 , 0.060000 , 4.950000 , -0.005000 , 0.012000 , 0.001000 )"
     b"( 0.150000 , -0.350000 , 4.890000 , -0.001000 , -0.004000 , 0.002000 )"
 )
-"""Sent by the maker's server, which was compiled and connected to the emulated sensor's serial line."""
+"""Sent by the vendor's server, compiled and connected to the emulated sensor's serial line."""
 
 
 def text(force: float = 1.0) -> bytes:
@@ -27,14 +27,14 @@ def text(force: float = 1.0) -> bytes:
 
 
 def events(client: UrcapClient) -> list[Any]:
-    found = []
+    items = []
     while (event := client.next_event()) is not None:
-        found.append(event)
-    return found
+        items.append(event)
+    return items
 
 
 def streaming(period: float = 0.0104, **settings: Any) -> tuple[UrcapClient, float]:
-    """A client that has measured the period, and when the newest text came."""
+    """Return a client that has measured the period, and the time of the newest text."""
     client, now = UrcapClient(Ft300ClientProfile(urcap_measured=20, **settings), T0), T0
     for k in range(20):
         assert events(client) == []
@@ -57,14 +57,14 @@ def test_text_is_the_golden_bytes_both_ways() -> None:
     assert TextReader().feed(TEXT) == [VALUES]
 
 
-def test_reader_takes_texts_that_follow_without_a_line_end() -> None:
-    found = TextReader().feed(CAPTURED)
-    assert [values[2] for values in found] == [4.88, 4.95, 4.89]
+def test_reader_accepts_texts_without_a_line_end() -> None:
+    items = TextReader().feed(CAPTURED)
+    assert [values[2] for values in items] == [4.88, 4.95, 4.89]
     assert b"".join(split_texts(CAPTURED)) == CAPTURED
     assert len(split_texts(CAPTURED + b"( 1")) == 4
 
 
-def test_reader_takes_other_blanks_and_line_ends() -> None:
+def test_reader_accepts_other_blanks_and_line_ends() -> None:
     reader = TextReader()
     assert reader.feed(b"(1,2,3,4,5,6)\r\n( 1.0, 2.0 ,3.0,4 , 5,6)\n") == [(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)] * 2
     assert reader.noises == 0
@@ -86,7 +86,7 @@ def test_reader_takes_other_blanks_and_line_ends() -> None:
         b"\x00\xff" * 40,
     ],
 )
-def test_reader_leaves_out_what_is_no_text(noise: bytes) -> None:
+def test_reader_skips_invalid_text(noise: bytes) -> None:
     reader = TextReader()
     assert reader.feed(TEXT + noise + TEXT) == [VALUES, VALUES]
     assert reader.noises == 1
@@ -117,8 +117,8 @@ def test_reader_keeps_no_more_than_a_text() -> None:
 def test_any_split_of_the_bytes_gives_the_same_texts(pieces: list[bytes], cuts: list[int]) -> None:
     raw, reader = b"".join(pieces), TextReader()
     places = [0, *sorted(cuts), len(raw)]
-    found = [values for a, b in pairwise(places) for values in reader.feed(raw[a:b])]
-    assert found == TextReader().feed(raw)
+    items = [values for a, b in pairwise(places) for values in reader.feed(raw[a:b])]
+    assert items == TextReader().feed(raw)
 
 
 def test_texts_are_described_field_by_field() -> None:
@@ -142,7 +142,7 @@ def test_client_sends_nothing_and_measures_the_period_first() -> None:
     assert client.statistics.malformed == 0
 
 
-def test_client_measures_again_where_texts_have_waited() -> None:
+def test_client_measures_again_after_buffered_texts() -> None:
     client = UrcapClient(Ft300ClientProfile(urcap_measured=20), T0)
     client.receive(b"".join(text(k) for k in range(30)), T0 + 0.1)
     assert events(client) == []
@@ -151,7 +151,7 @@ def test_client_measures_again_where_texts_have_waited() -> None:
     assert events(client)[0].facts.period == pytest.approx(0.01, rel=0.3)
 
 
-def test_client_text_that_comes_twice_is_told_once() -> None:
+def test_client_repeated_text_is_reported_once() -> None:
     client, now = streaming()
     client.receive(TEXT * 2, now + 0.01)
     client.receive(TEXT, now + 0.02)  # the URCap repeats a value where no new one has come
@@ -166,7 +166,7 @@ def test_client_counts_damaged_and_cut_texts() -> None:
     assert [event.values for event in events(client)] == [VALUES]
 
 
-def test_client_that_joins_in_a_text_has_lost_none() -> None:
+def test_client_joining_inside_a_text_counts_none_lost() -> None:
     client = UrcapClient(Ft300ClientProfile(), T0)
     client.receive(TEXT[20:] + TEXT, T0)
     assert client.statistics.lost == 0
@@ -184,12 +184,12 @@ def test_zero_is_the_hosts() -> None:
     client.zero()
     for k, force in enumerate((10.0, 12.0, 20.0)):
         client.receive(text(force), now + 0.01 * (k + 1))
-    told = events(client)
-    assert [type(event) for event in told] == [WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
-    assert told[-1].values[0] == 9.0
+    reports = events(client)
+    assert [type(event) for event in reports] == [WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
+    assert reports[-1].values[0] == 9.0
 
 
-def test_urcap_that_sends_nothing_fails_with_advice() -> None:
+def test_silent_urcap_fails_with_a_remedy() -> None:
     client = UrcapClient(Ft300ClientProfile(), T0)
     client.handle_deadline(T0 + 1.9)
     assert events(client) == []
@@ -208,10 +208,10 @@ def test_stream_that_falls_silent_fails() -> None:
     assert client.next_deadline() == pytest.approx(now + 1.0)
     client.handle_deadline(now + 1.0)
     (failed,) = events(client)
-    assert "no text came for 1 s" in failed.text
+    assert "no text received for 1 s" in failed.text
 
 
-def test_stop_ends_at_once() -> None:
+def test_stop_ends_the_session_at_once() -> None:
     client, _ = streaming()
     client.stop()
     client.stop()

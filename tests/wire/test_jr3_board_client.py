@@ -1,4 +1,4 @@
-"""The client of the register protocol, joined with its server over a board of plain words."""
+"""Client of the register protocol, connected to its server over a board with plain words."""
 
 import itertools
 from collections.abc import Sequence
@@ -37,13 +37,13 @@ from protocol.wrench import (
     WrenchFrame,
     Zeroed,
 )
-from tests.wire.plain_board import EPOCH, PROFILE, Words, perform, tick, told
+from tests.wire.plain_board import EPOCH, PROFILE, Words, perform, responses_of, tick
 
 # --- client
 
 
 class Pair:
-    """A client and its server, joined without a wire; time goes from deadline to deadline."""
+    """A client and its server, connected without a wire; time advances from deadline to deadline."""
 
     def __init__(
         self, board: Words, profile: BoardClientProfile, program: Sequence[ProgramWord] = ()
@@ -67,7 +67,7 @@ class Pair:
                 return
 
     def run(self, until: float) -> list[SensorEvent]:
-        """Go on to a time since the epoch; the events since the last call."""
+        """Continue to a time since the epoch; return the events since the last call."""
         self.exchange()
         while True:
             ends = (self.client, self.server)
@@ -90,7 +90,7 @@ FAST = BoardClientProfile(offset_polls=0)
 
 
 class Ticking(Words):
-    """Counts filter2's outputs, 2000 a second, as the time goes; fz is 100."""
+    """Counts filter2's outputs, 2000 per second, as time advances; fz is 100."""
 
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
         number = round((now - EPOCH) * 2000) - self.behind
@@ -136,7 +136,7 @@ def test_client_starts_up_and_streams() -> None:
     assert pair.client.statistics.lost == pair.client.statistics.repeated == 0
 
 
-def test_client_polls_as_it_streams() -> None:
+def test_polling_yields_same_samples_as_streaming() -> None:
     board = Ticking()
     pair = Pair(board, replace(FAST, mode="poll", period_ms=1.0, filter=1))
     frames = pair.frames(0.5)
@@ -145,7 +145,7 @@ def test_client_polls_as_it_streams() -> None:
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(frames)} == {8}
 
 
-def test_bursts_that_come_together_are_dated_apart() -> None:
+def test_bursts_that_arrive_together_are_dated_apart() -> None:
     board = Ticking()
     pair = Pair(board, replace(FAST, period_ms=1.0, bursts=10))
     frames = pair.frames(0.5)
@@ -153,17 +153,17 @@ def test_bursts_that_come_together_are_dated_apart() -> None:
     assert {round((b.at - a.at) * 1e6) for a, b in itertools.pairwise(frames)} == {1000}
 
 
-def test_no_burst_is_dated_before_one_that_came_earlier() -> None:
-    """A delivery that was held up is dated late as a whole; the next comes in time."""
+def test_no_burst_is_dated_before_an_earlier_one() -> None:
+    """All of a delayed delivery is dated late; the next one arrives on time."""
     pair = Pair(Ticking(), replace(FAST, period_ms=1.0, bursts=10))
     pair.frames(0.3)
-    held, pair.now = b"", EPOCH + 0.3
-    while not held:
+    delayed, pair.now = b"", EPOCH + 0.3
+    while not delayed:
         pair.now = pair.server.next_deadline() or 0.0
         pair.server.handle_deadline(pair.now)
-        held = pair.server.data_to_send(pair.now)
+        delayed = pair.server.data_to_send(pair.now)
     delivered = pair.now
-    pair.client.receive(held, delivered + 0.008)
+    pair.client.receive(delayed, delivered + 0.008)
     late, in_time = pair.frames(0.3)[-10:], pair.frames(delivered - EPOCH + 0.0105)[-10:]
     assert [frame.at - delivered for frame in late] == pytest.approx([k * 1e-3 for k in range(-1, 9)])
     assert [frame.at - delivered for frame in in_time] == pytest.approx([0.008] * 8 + [0.009, 0.01])
@@ -176,7 +176,7 @@ def test_counter_wraps_without_a_gap(pair: Pair) -> None:
     assert pair.client.statistics.lost == 0
 
 
-def test_a_late_server_is_counted(pair: Pair) -> None:
+def test_late_server_is_counted(pair: Pair) -> None:
     pair.frames(0.3)
     pair.now += 0.05
     pair.server.handle_deadline(pair.now)
@@ -185,7 +185,7 @@ def test_a_late_server_is_counted(pair: Pair) -> None:
     assert pair.client.statistics.lost in (4, 5)
 
 
-def test_zero_is_told_once_it_has_settled(pair: Pair) -> None:
+def test_zero_is_reported_once_settled(pair: Pair) -> None:
     pair.client.zero()
     events = pair.run(0.5)
     at = next(i for i, event in enumerate(events) if isinstance(event, Zeroed))
@@ -196,7 +196,7 @@ def test_zero_is_told_once_it_has_settled(pair: Pair) -> None:
     assert sum(isinstance(event, Zeroed) for event in events) == 1
 
 
-def test_a_zero_before_the_start_up_is_over_waits_for_it() -> None:
+def test_zero_before_the_start_up_is_over_waits_for_it() -> None:
     pair = Pair(Ticking(), FAST)
     pair.client.zero()
     events = [event for event in pair.run(1.0) if not isinstance(event, WrenchFrame)]
@@ -214,7 +214,7 @@ def test_stop_ends_the_stream(pair: Pair) -> None:
         pair.client.zero()
 
 
-def test_stop_without_a_stream_is_at_once() -> None:
+def test_stop_without_stream_completes_immediately() -> None:
     pair = Pair(Words(), FAST)
     pair.client.stop()
     assert pair.run(0.0) == [SensorStopped()]
@@ -222,7 +222,7 @@ def test_stop_without_a_stream_is_at_once() -> None:
     assert pair.run(1.0) == []
 
 
-def test_a_server_that_does_not_answer_the_stop(pair: Pair) -> None:
+def test_server_that_does_not_answer_the_stop_times_out(pair: Pair) -> None:
     pair.cut = True
     pair.client.stop()
     (failed,) = (event for event in pair.run(2.0) if isinstance(event, SensorFailed))
@@ -230,7 +230,7 @@ def test_a_server_that_does_not_answer_the_stop(pair: Pair) -> None:
     assert pair.client.stop_patience == 1.0
 
 
-def test_a_refused_reset_is_told_and_passed_over() -> None:
+def test_refused_reset_is_reported_and_skipped() -> None:
     board = Ticking()
     board.may_reset = False
     events = Pair(board, FAST).run(1.0)
@@ -245,7 +245,7 @@ PROGRAM = (
 )
 
 
-def test_a_program_is_loaded_between_the_reset_and_the_pause_after_it() -> None:
+def test_program_is_loaded_between_reset_and_pause() -> None:
     board = Ticking()
     _, steps, _ = perform(board, start_up(FAST, PROGRAM))
     assert [type(step) for step in steps[:6]] == [Load, Load, Load, Load, Wait, Read]
@@ -254,7 +254,7 @@ def test_a_program_is_loaded_between_the_reset_and_the_pause_after_it() -> None:
     assert board.resets == 0
 
 
-def test_a_client_with_a_program_starts_up_over_its_server() -> None:
+def test_client_with_a_program_starts_up_over_its_server() -> None:
     board = Ticking()
     board.may_reset = False
     pair = Pair(board, FAST, PROGRAM)
@@ -263,16 +263,16 @@ def test_a_client_with_a_program_starts_up_over_its_server() -> None:
     assert [load[0] for load in board.loads] == [0, 0x10, 0x90, 0x3FFF]
 
 
-def test_a_program_outside_the_processor_s_memory_is_refused() -> None:
+def test_program_outside_the_processor_s_memory_is_refused() -> None:
     pair = Pair(Ticking(), FAST, (ProgramWord(0x4000, 1, 2),))
     assert failure(pair.run(1.0)) == (
         "board: the server refuses a program: words outside the board's memory map"
     )
-    with pytest.raises(ValueError, match="program is loaded by start_up = driver alone"):
+    with pytest.raises(ValueError, match="program is loaded only with start_up = driver"):
         BoardClientProfile(program="x.idm", start_up="none")
 
 
-def test_a_second_client_takes_the_board_as_it_is() -> None:
+def test_second_client_uses_the_board_as_it_is() -> None:
     board = Ticking()
     for i in range(6):
         board.poke("full_scale", 100 + i, i)
@@ -288,16 +288,16 @@ def failure(events: list[SensorEvent]) -> str:
     return str(Trouble(failed.text, failed.remedy))
 
 
-def test_an_unplugged_sensor_ends_the_session(pair: Pair) -> None:
+def test_unplugged_sensor_ends_the_session(pair: Pair) -> None:
     pair.board.poke("errors", 0xC000)
     assert failure(pair.run(1.0)) == (
-        "board: it hears no sensor (watch dog2, watch dog); check the sensor's plug and cable"
+        "board: it receives no sensor data (watch dog2, watch dog); check the sensor's plug and cable"
     )
     assert pair.client.phase is BoardPhase.FAILED
     assert pair.run(100.0) == []
 
 
-def test_a_changed_sensor_begins_again_without_a_reset(pair: Pair) -> None:
+def test_changed_sensor_restarts_without_a_reset(pair: Pair) -> None:
     before = pair.frames(0.3)[-1].sequence
     pair.board.poke("errors", 0x0800)
     events = pair.run(3.0)
@@ -308,14 +308,14 @@ def test_a_changed_sensor_begins_again_without_a_reset(pair: Pair) -> None:
     assert first.sequence == before + 1
 
 
-def test_a_calibration_that_is_read_again_is_seen_while_it_is_read(pair: Pair) -> None:
+def test_repeated_calibration_is_detected_while_it_is_read(pair: Pair) -> None:
     """The same sensor plugged in again sets no `sensor changed`, but its offsets are lost."""
     pair.frames(0.3)
     pair.board.poke("errors", 0x3000)
     assert SensorRestarted() in pair.run(0.4)
 
 
-def test_a_sensor_that_was_away_between_two_samples_is_seen_by_its_counter() -> None:
+def test_sensor_away_between_samples_is_detected_by_its_counter() -> None:
     board = Ticking()
     pair = Pair(board, replace(FAST, period_ms=200.0))
     events = pair.run(2.0)
@@ -325,7 +325,7 @@ def test_a_sensor_that_was_away_between_two_samples_is_seen_by_its_counter() -> 
     assert SensorRestarted() in pair.run(2.25)
 
 
-def test_saturation_is_told_once_and_again_after_a_quiet_time(pair: Pair) -> None:
+def test_saturation_is_reported_once_and_after_a_quiet_time(pair: Pair) -> None:
     def texts(until: float, errors: int, warnings: int) -> list[str]:
         pair.board.poke("errors", errors)
         pair.board.poke("warnings", warnings)
@@ -338,8 +338,8 @@ def test_saturation_is_told_once_and_again_after_a_quiet_time(pair: Pair) -> Non
     assert texts(1.7, 0, 0x20) == ["board: raw mz near saturation"]
 
 
-def test_the_end_of_the_range_stays_where_it_is_when_a_zero_is_taken(pair: Pair) -> None:
-    """Frames count from a board's zero before the board says that it holds: the offset is that of its order."""
+def test_end_of_range_does_not_move_with_a_zero(pair: Pair) -> None:
+    """Frames are relative to a board's zero before the board confirms it: the offset is the one at the order."""
     tick(pair.board, 0, 20000)
     assert pair.frames(0.3)[-1].saturated == 0
     pair.client.zero()
@@ -352,23 +352,23 @@ def test_the_end_of_the_range_stays_where_it_is_when_a_zero_is_taken(pair: Pair)
     assert saturated.saturated == 0b100
 
 
-def test_no_sample_is_taken_while_the_board_is_busy(pair: Pair) -> None:
+def test_no_sample_is_used_while_the_board_is_busy(pair: Pair) -> None:
     pair.board.poke("errors", 0x1000)
     assert pair.frames(0.5) == []
     pair.board.poke("errors", 0)
     assert len(pair.frames(0.6)) == 10
 
 
-def test_a_counter_that_stands_still(pair: Pair) -> None:
+def test_stuck_counter_ends_the_session(pair: Pair) -> None:
     assert isinstance(pair.board, Ticking)
     pair.board.still = True
     text = failure(pair.run(5.0))
-    assert "has stood at" in text
+    assert "has been stuck at" in text
     assert "does its program run" in text
     assert pair.client.statistics.repeated > 90
 
 
-def test_silence_has_an_end(pair: Pair) -> None:
+def test_silence_ends_the_session(pair: Pair) -> None:
     pair.run(0.9)
     pair.cut = True
     assert failure(pair.run(5.0)) == "board: no data for 1 s; server or network stuck?"
@@ -377,7 +377,7 @@ def test_silence_has_an_end(pair: Pair) -> None:
     assert failure(silent.run(5.0)) == "board: the server has not answered for 1 s"
 
 
-def test_start_up_failures_become_the_end() -> None:
+def test_start_up_failures_end_the_session() -> None:
     board = Words()
     board.poke("max_full_scale", 0, 5)
     assert failure(Pair(board, FAST).run(5.0)) == "board: full scale of mz is 0; calibration not read?"
@@ -386,15 +386,18 @@ def test_start_up_failures_become_the_end() -> None:
 @pytest.mark.parametrize(
     ("data", "text"),
     [
-        (b"SSH-2.0-OpenSSH", "what answers is no register server: no response begins with 53"),
-        (farewell(Status.TOO_MANY_CLIENTS), "closes the connection: the server has all the clients it takes"),
+        (b"SSH-2.0-OpenSSH", "the peer is not a register server: no response begins with 53"),
+        (
+            farewell(Status.TOO_MANY_CLIENTS),
+            "closes the connection: the maximum number of clients is connected",
+        ),
         (
             encode_response(Response(Op.RESET, Status.OUTSIDE_MAP, 1)),
             "the server refuses a reset: words outside the board's",
         ),
     ],
 )
-def test_answers_that_end_the_session(data: bytes, text: str) -> None:
+def test_invalid_responses_end_the_session(data: bytes, text: str) -> None:
     client = BoardClient(PROFILE, EPOCH)
     client.receive(data, EPOCH)
     failed = client.next_event()
@@ -403,7 +406,7 @@ def test_answers_that_end_the_session(data: bytes, text: str) -> None:
     assert client.data_to_send(EPOCH) == b""
 
 
-def test_a_read_answered_without_words_ends_the_session() -> None:
+def test_read_answered_without_words_ends_the_session() -> None:
     client = BoardClient(replace(PROFILE, start_up="none"), EPOCH)
     client.receive(encode_response(Response(Op.READ, Status.OK, 1, 0xF1, 9)), EPOCH)
     failed = client.next_event()
@@ -412,7 +415,7 @@ def test_a_read_answered_without_words_ends_the_session() -> None:
     assert client.statistics.malformed == 1
 
 
-def test_a_write_outside_the_servers_map_ends_the_session() -> None:
+def test_write_outside_the_servers_map_ends_the_session() -> None:
     client = BoardClient(FAST, EPOCH)
     reset, write = (
         encode_response(Response(op, status, tag))
@@ -420,15 +423,15 @@ def test_a_write_outside_the_servers_map_ends_the_session() -> None:
     )
     client.receive(reset, EPOCH)
     client.handle_deadline(EPOCH + 0.025)
-    found = Response(Op.READ, Status.OK, 2, 0xF1, 9, (Burst(0, (0,) * 7 + (1, 1)),))
-    client.receive(encode_response(found) + write, EPOCH)
+    result = Response(Op.READ, Status.OK, 2, 0xF1, 9, (Burst(0, (0,) * 7 + (1, 1)),))
+    client.receive(encode_response(result) + write, EPOCH)
     failed = client.next_event()
     assert isinstance(failed, SensorFailed)
     assert "the server refuses a write of 2 words to 0200: words outside" in failed.text
 
 
-def test_data_that_is_not_what_was_asked_for(pair: Pair) -> None:
-    (tag,) = {r.tag for r in told_at_next_deadline(pair)}
+def test_unrequested_data_ends_the_session(pair: Pair) -> None:
+    (tag,) = {r.tag for r in responses_at_next_deadline(pair)}
     pair.client.receive(
         encode_response(Response(Op.STREAM, Status.OK, tag, 0, 1, (Burst(0, (1,)),))), pair.now
     )
@@ -436,14 +439,14 @@ def test_data_that_is_not_what_was_asked_for(pair: Pair) -> None:
     pair.client.receive(encode_response(Response(Op.STREAM, Status.OK, 0, 0, 1, (Burst(0, (1,)),))), pair.now)
     assert pair.client.statistics.malformed == 1
     pair.client.receive(encode_response(Response(Op.STREAM, Status.BAD_PERIOD, tag)), pair.now)
-    assert "gives no data: the server does not stream as fast" in failure(pair.run(0.3))
+    assert "sends no data: the requested stream is too fast" in failure(pair.run(0.3))
 
 
-def told_at_next_deadline(pair: Pair) -> list[Response]:
+def responses_at_next_deadline(pair: Pair) -> list[Response]:
     due = pair.server.next_deadline()
     assert due is not None
     pair.server.handle_deadline(due)
-    return [item for item in told(pair.server, due) if isinstance(item, Response)]
+    return [item for item in responses_of(pair.server, due) if isinstance(item, Response)]
 
 
 # --- profiles

@@ -67,9 +67,9 @@ ENVELOPES = st.builds(LoadEnvelope, WORDS, THRESHOLDS, THRESHOLDS)
     ],
 )
 def test_addresses_are_the_manuals(address: int, name: str) -> None:
-    found = register_at(address)
-    assert found is not None
-    register, index = found
+    result = register_at(address)
+    assert result is not None
+    register, index = result
     assert register.element(index) == name
     assert REGISTERS[register.name] is register
 
@@ -84,7 +84,7 @@ def test_registers_lie_in_order_and_apart() -> None:
     assert register_at(0x300) is None
 
 
-def test_a_burst_is_described_word_by_word() -> None:
+def test_burst_is_described_word_by_word() -> None:
     rows = describe(0xF5, [302, 20, 1994, 65535])
     assert [(row["name"], row["value"]) for row in rows] == [
         ("software_ver", pytest.approx(3.02)),
@@ -111,12 +111,12 @@ def test_signs_round_trip(value: int, word: int) -> None:
 
 
 @pytest.mark.parametrize(("address", "count"), [(-1, 1), (0, 0), (0x3FFF, 2), (0x4000, 1), (0, -3)])
-def test_a_burst_outside_the_memory_is_refused(address: int, count: int) -> None:
-    with pytest.raises(RemoteProtocolError, match="not within"):
+def test_burst_outside_the_memory_is_refused(address: int, count: int) -> None:
+    with pytest.raises(RemoteProtocolError, match="not inside"):
         check_range(address, count)
 
 
-def test_the_whole_memory_is_one_burst() -> None:
+def test_complete_memory_is_one_burst() -> None:
     check_range(0, 0x4000)
 
 
@@ -131,12 +131,12 @@ def test_the_whole_memory_is_one_burst() -> None:
         (0x0A00, CommandCode.SET_FULL_SCALES, 0),
     ],
 )
-def test_commands_are_told_from_their_word(word: int, code: CommandCode, argument: int) -> None:
+def test_commands_are_decoded_from_their_word(word: int, code: CommandCode, argument: int) -> None:
     assert command_info(word) == (COMMANDS[code], argument)
 
 
 @pytest.mark.parametrize("word", [0, 1, 0x0101, 0x0510, 0x0D00, 0x8000, 0xFFFF])
-def test_other_words_are_no_command(word: int) -> None:
+def test_other_words_are_not_commands(word: int) -> None:
     assert command_info(word) is None
 
 
@@ -182,7 +182,7 @@ def test_golden_envelope() -> None:
 
 @settings(max_examples=100)
 @given(LINKS, ENVELOPES, st.lists(WORDS, max_size=5))
-def test_slots_round_trip_whatever_follows(
+def test_slots_round_trip_with_any_trailing_words(
     links: list[Link], envelope: LoadEnvelope, rest: list[int]
 ) -> None:
     assert decode_transform([*encode_transform(links), *rest]) == tuple(links)
@@ -191,7 +191,7 @@ def test_slots_round_trip_whatever_follows(
 
 @settings(max_examples=200)
 @given(st.lists(WORDS, max_size=20))
-def test_arbitrary_words_are_read_or_refused(words: list[int]) -> None:
+def test_arbitrary_words_are_decoded_or_refused(words: list[int]) -> None:
     for decode in (decode_transform, decode_envelope):
         try:
             decode(words)
@@ -200,18 +200,18 @@ def test_arbitrary_words_are_read_or_refused(words: list[int]) -> None:
 
 
 @pytest.mark.parametrize("words", [(), (1, 5), (1, 5, 2), (8, 0, 0), (0x8000, 1, 0)])
-def test_a_transform_without_end_or_of_unknown_type_is_refused(words: tuple[int, ...]) -> None:
+def test_invalid_transform_is_refused(words: tuple[int, ...]) -> None:
     with pytest.raises(RemoteProtocolError, match="transform"):
         decode_transform(words)
 
 
 @pytest.mark.parametrize("words", [(0, 0), (0, 1, 0), (0, 0xFFFF, 0xFFFF, *[0] * 12)])
-def test_an_envelope_longer_than_its_memory_is_refused(words: tuple[int, ...]) -> None:
+def test_envelope_longer_than_its_memory_is_refused(words: tuple[int, ...]) -> None:
     with pytest.raises(RemoteProtocolError, match="envelope"):
         decode_envelope(words)
 
 
-def test_what_no_slot_can_hold_is_refused() -> None:
+def test_values_beyond_a_slot_are_refused() -> None:
     with pytest.raises(LocalProtocolError, match="TRANSLATE_X 32768"):
         encode_transform([Link(LinkType.TRANSLATE_X, 32768)])
     with pytest.raises(LocalProtocolError, match="END"):

@@ -1,4 +1,4 @@
-"""Properties of the client of the CAN gateway alone: SYNC, nodes, halves of samples, pauses after repetitions."""
+"""Behaviour specific to the CAN gateway client: SYNC, nodes, halves of samples, pauses after repetitions."""
 
 from typing import Any
 
@@ -18,34 +18,34 @@ FORCE_SCALES, MOMENT_SCALES = "101#0073006F00B900", "101#00380034003D00"
 
 
 @pytest.mark.parametrize(
-    ("heard", "fact", "remedy"),
+    ("data", "fact", "remedy"),
     [
-        ("", "silent: nothing of a gateway on the bus in 1 s", f"power, bit rate, wiring? {HANGS}"),
+        ("", "silent: no frame of a gateway on the bus for 1 s", f"power, bit rate, wiring? {HANGS}"),
         (
             "102#00 601#R 00000101#00",
-            "silent for 1 s while others are on the bus",
+            "silent for 1 s while other nodes are on the bus",
             "wrong node number?",
         ),
     ],
 )
-def test_why_it_is_not_ready_is_told(can: Any, heard: str, fact: str, remedy: str) -> None:
+def test_reason_for_not_ready_is_reported(can: Any, data: str, fact: str, remedy: str) -> None:
     client = can.begin(ready_timeout_s=1.0)
-    client.receive(can.data(heard), T0)
+    client.receive(can.data(data), T0)
     assert client.phase is Phase.ASKING
     client.handle_deadline(T0 + 1)
     assert can.events(client) == [SensorFailed(f"gateway node 1: {fact}", remedy)]
 
 
-def test_a_period_that_the_firmware_was_not_tested_with_warns(can: Any) -> None:
+def test_period_untested_by_the_firmware_warns(can: Any) -> None:
     warning = (
         "period_ms is 0.5, but the gateway's firmware was tested from 1 on: "
-        "below it may leave itself no time for anything else"
+        "below that it may have no time left for anything else"
     )
     assert can.events(can.begin(period_ms=0.5)) == [SensorNotice(warning)]
     assert can.events(can.begin(period_ms=1.0)) == []
 
 
-def test_not_ready_is_asked_again_at_the_acknowledge_timeout(can: Any) -> None:
+def test_not_ready_is_repeated_at_the_acknowledge_timeout(can: Any) -> None:
     client = can.begin(ready_timeout_s=1.0)
     can.exchange(client, T0, "101#01", expect="401#")
     assert can.orders(client, T0 + 0.1) == []
@@ -54,8 +54,8 @@ def test_not_ready_is_asked_again_at_the_acknowledge_timeout(can: Any) -> None:
     assert can.orders(client, T0 + 0.25) == ["401#"]
 
 
-def test_a_repeated_command_lets_late_acknowledges_pass(can: Any) -> None:
-    """Both answers to a repeated 481 come: the second must not be taken for the answer to 501."""
+def test_repeated_command_lets_late_acknowledges_pass(can: Any) -> None:
+    """Both answers to a repeated 481 arrive: the second must not count as the answer to 501."""
     client = can.begin()
     can.exchange(client, T0, "101#00", expect="401#")
     can.exchange(client, T0, "101#00", expect="201#E80310270000")
@@ -71,7 +71,7 @@ def test_a_repeated_command_lets_late_acknowledges_pass(can: Any) -> None:
     assert can.events(client) == [READY]
 
 
-def test_the_pause_also_ends_without_its_deadline(can: Any) -> None:
+def test_pause_also_ends_without_its_deadline(can: Any) -> None:
     client = can.begin()
     client.data_to_send(T0)
     client.handle_deadline(T0 + 0.25)
@@ -79,7 +79,7 @@ def test_the_pause_also_ends_without_its_deadline(can: Any) -> None:
     assert can.orders(client, T0 + 0.5) == ["201#E80310270000"]
 
 
-def test_a_sample_tells_counts_and_when_it_was_complete(can: Any) -> None:
+def test_sample_has_counts_and_completion_time(can: Any) -> None:
     client = can.ready()
     forces, moments = encode_sample(1, (1, -2, 3, -4, 5, -6), 77)
     client.receive([forces, moments], T0 + 1)
@@ -91,7 +91,7 @@ def test_a_sample_tells_counts_and_when_it_was_complete(can: Any) -> None:
     ]
 
 
-def test_a_client_tells_which_axes_are_saturated_behind_its_zero(can: Any) -> None:
+def test_client_reports_saturated_axes_after_its_zero(can: Any) -> None:
     client = can.ready()
     client.receive(encode_sample(1, (0, 0, 20000, 0, 0, 0), 77), T0 + 1)
     client.zero()
@@ -101,15 +101,13 @@ def test_a_client_tells_which_axes_are_saturated_behind_its_zero(can: Any) -> No
     before, zeroed, *notices, after = can.events(client)
     assert (before.saturated, zeroed.crossing.counter) == (0, 155)
     assert after.saturated == 0b000110
-    assert notices == [
-        SensorNotice(f"{axis} is at 100% of what the sensor can tell") for axis in ("fy", "fz")
-    ]
+    assert notices == [SensorNotice(f"{axis} is at 100% of the sensor's range") for axis in ("fy", "fz")]
 
 
 def test_duplicates_and_stragglers_are_dropped(can: Any) -> None:
     client = can.ready()
-    told = can.feed(client, [65500, 65500, 65578, 65500, 65656, 65578, 65734])
-    assert [event.sequence for event in told] == [65500, 65578, 65656, 65734]
+    samples = can.feed(client, [65500, 65500, 65578, 65500, 65656, 65578, 65734])
+    assert [event.sequence for event in samples] == [65500, 65578, 65656, 65734]
     assert client.statistics.repeated == 3
     assert client.statistics.lost == 0
 
@@ -124,7 +122,7 @@ def test_halves_count_only_together(can: Any) -> None:
     assert [event.counter for event in can.events(client)] == [256]
 
 
-def test_malformed_payloads_are_counted_and_the_session_goes_on(can: Any) -> None:
+def test_malformed_payloads_are_counted_and_session_continues(can: Any) -> None:
     client = can.begin()
     can.exchange(client, T0, "101#", expect="401#")
     client.receive(can.data("101#00"), T0)
@@ -147,7 +145,7 @@ def test_profile_refuses(can: Any, wrong: dict[str, object]) -> None:
         can.profile(**wrong)
 
 
-def test_reports_of_the_interface_are_told_and_end_nothing(can: Any) -> None:
+def test_interface_reports_are_passed_on_and_end_nothing(can: Any) -> None:
     client = can.begin()
     report = encode_error(CanErrorReport(ErrorClass.BUS_OFF))
     garbled = CanFrame(report.identifier, b"\0", error=True, extended=report.extended)

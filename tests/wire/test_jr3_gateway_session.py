@@ -1,6 +1,6 @@
-"""The session that both gateway clients lead, over the wire of each: pace, repetitions, counters, failures, end.
+"""Session of both gateway clients, over each wire: pace, repetitions, counters, failures, and end.
 
-What one wire alone has is tested beside this file.
+Behaviour of a single wire is tested in the other files of this folder.
 """
 
 import functools
@@ -25,7 +25,7 @@ SCALES = (50.0, 50.0, 100.0, 4.0, 4.0, 4.0)
 
 
 def failure(wire: Any, client: Any) -> str:
-    """The text of the failure that is the one event left."""
+    """Return the text of the failure, which is the only event left."""
     assert client.phase is Phase.FAILED
     (failed,) = wire.events(client)
     assert isinstance(failed, SensorFailed)
@@ -52,7 +52,7 @@ def test_session_from_the_first_question_to_the_stop(wire: Any) -> None:
     assert wire.orders(client, T0 + 30) == []
 
 
-def test_known_full_scales_are_not_asked_for_and_no_filter_is_said(wire: Any) -> None:
+def test_known_full_scales_are_not_requested_and_no_filter_noted(wire: Any) -> None:
     client = wire.begin(cutoff_hz=0.0, full_scales=SCALES)
     wire.exchange(client, T0, wire.ok, expect=wire.state)
     wire.exchange(client, T0 + wire.step, wire.ok, expect=wire.start("0000"))
@@ -60,7 +60,7 @@ def test_known_full_scales_are_not_asked_for_and_no_filter_is_said(wire: Any) ->
     assert wire.events(client) == [SensorReady(facts_of(SCALES, 0.01, 0.0)), NOTICE]
 
 
-def test_a_client_that_streams_waits_for_nothing_but_its_command(wire: Any) -> None:
+def test_streaming_client_waits_only_for_its_command(wire: Any) -> None:
     client = wire.ready()
     wire.feed(client, [5, 83])
     assert (client.next_deadline(), wire.orders(client, T0 + 12)) == (None, [])
@@ -77,8 +77,8 @@ def test_zero_before_ready_waits_for_the_filter(wire: Any) -> None:
     assert [type(event) for event in wire.events(client)] == [type(READY), Zeroed]
 
 
-def test_a_sample_from_before_the_zero_is_not_told_behind_it(wire: Any) -> None:
-    """A gateway takes its zero with the next sample; one that is on the line by then may follow the acknowledge."""
+def test_sample_before_the_zero_is_not_reported_after_it(wire: Any) -> None:
+    """A gateway takes its zero with the next sample; one already on the line may follow the acknowledge."""
     client = wire.ready()
     client.zero()
     wire.exchange(client, T0 + 10, wire.ok, expect=wire.zero)
@@ -93,8 +93,8 @@ def test_set_filter_now_and_at_the_next_start(wire: Any) -> None:
     client = wire.ready()
     client.set_filter(2.0)
     wire.exchange(client, T0 + 10, wire.ok, expect=wire.set_filter("C800"))
-    (told,) = wire.events(client)
-    assert told == SensorReady(replace(READY.facts, delay=first_order_delay(2.0)))
+    (reports,) = wire.events(client)
+    assert reports == SensorReady(replace(READY.facts, delay=first_order_delay(2.0)))
     client.receive(wire.data(wire.boot_up), T0 + 20)
     wire.establish(client, T0 + 20, "C800")
     client = wire.begin()
@@ -105,7 +105,7 @@ def test_set_filter_now_and_at_the_next_start(wire: Any) -> None:
             client.set_filter(wrong)
 
 
-def test_the_delay_follows_the_cut_off(wire: Any) -> None:
+def test_delay_follows_the_cut_off(wire: Any) -> None:
     assert READY.facts.delay == wire.profile().delay == pytest.approx(0.0159, abs=1e-4)
     client = wire.begin()
     client.set_filter(0.0)
@@ -117,25 +117,25 @@ def test_the_delay_follows_the_cut_off(wire: Any) -> None:
 # --- silence, repetitions, late answers
 
 
-def test_silence_is_asked_again_at_its_time_and_fails(wire: Any) -> None:
+def test_silence_is_repeated_at_its_time_and_fails(wire: Any) -> None:
     client = wire.begin(ready_timeout_s=3 * wire.timeout - 0.125)
-    asked, now = [], T0
+    requests, now = [], T0
     while client.phase is Phase.ASKING:
-        asked += [(now, text) for text in wire.orders(client, now)]
+        requests += [(now, text) for text in wire.orders(client, now)]
         now = client.next_deadline() or 0.0
         client.handle_deadline(now)
-    assert asked == [(T0 + k * wire.timeout, wire.state) for k in range(3)]
+    assert requests == [(T0 + k * wire.timeout, wire.state) for k in range(3)]
     assert failure(wire, client).startswith(f"{wire.name}: silent")
     assert client.next_deadline() is None
     with pytest.raises(LocalProtocolError, match="failed"):
         client.zero()
 
 
-def test_a_sensor_that_never_gets_ready_is_told(wire: Any) -> None:
+def test_sensor_that_never_becomes_ready_is_reported(wire: Any) -> None:
     client = wire.begin(ready_timeout_s=3.0)
     wire.exchange(client, T0, wire.not_ready, expect=wire.state)
     client.handle_deadline(T0 + 3)
-    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready after 3 s; sensor unplugged?"
+    assert failure(wire, client) == f"{wire.name}: acknowledges but is not ready after 3 s; sensor unplugged?"
 
 
 def test_not_ready_on_the_way_goes_back_to_asking(wire: Any) -> None:
@@ -154,14 +154,14 @@ def test_not_ready_after_ready_fails(wire: Any) -> None:
     client = wire.ready()
     client.zero()
     wire.exchange(client, T0 + 10, wire.not_ready, expect=wire.zero)
-    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready any more; sensor unplugged?"
+    assert failure(wire, client) == f"{wire.name}: acknowledges but is not ready any more; sensor unplugged?"
 
 
 @pytest.mark.parametrize(("place", "axis"), list(enumerate(["fx", "fy", "fz", "mx", "my", "mz"])))
 def test_full_scale_0_is_named(wire: Any, place: int, axis: str) -> None:
-    words = [1] * 6
-    words[place] = 0
-    answers = dict(wire.session()) | {order: answer(words) for order, answer in wire.scales}
+    scales = [1] * 6
+    scales[place] = 0
+    answers = dict(wire.session()) | {order: answer(scales) for order, answer in wire.scales}
     client, now = wire.begin(), T0
     while client.phase is not Phase.FAILED:
         (order,) = wire.orders(client, now)
@@ -170,7 +170,7 @@ def test_full_scale_0_is_named(wire: Any, place: int, axis: str) -> None:
     assert failure(wire, client) == f"{wire.name}: full scale of {axis} is 0; calibration not read?"
 
 
-def test_a_command_without_acknowledge_fails_after_its_retries(wire: Any) -> None:
+def test_command_without_acknowledge_fails_after_its_retries(wire: Any) -> None:
     client = wire.begin(retries=2)
     wire.exchange(client, T0, wire.ok, expect=wire.state)
     second = wire.session()[1][0]
@@ -183,7 +183,7 @@ def test_a_command_without_acknowledge_fails_after_its_retries(wire: Any) -> Non
 # --- stop and restart
 
 
-def test_a_lost_stop_is_repeated_within_its_patience(wire: Any) -> None:
+def test_lost_stop_is_repeated_within_its_patience(wire: Any) -> None:
     client = wire.ready()
     client.stop()
     assert wire.orders(client, T0 + 10) == [wire.stop]
@@ -194,7 +194,7 @@ def test_a_lost_stop_is_repeated_within_its_patience(wire: Any) -> None:
     assert T0 + 10 < repeated_at < T0 + 10 + client.stop_patience
 
 
-def test_the_patience_with_a_stop_knows_the_stream_s_period(wire: Any) -> None:
+def test_stop_patience_includes_the_stream_period(wire: Any) -> None:
     client = wire.begin(period_ms=2000.0, full_scales=SCALES)
     wire.exchange(client, T0, wire.ok, expect=wire.state)
     client.stop()
@@ -203,18 +203,18 @@ def test_the_patience_with_a_stop_knows_the_stream_s_period(wire: Any) -> None:
     assert client.stop_patience == 2 * (wire.timeout + 2.0)
 
 
-def test_a_stop_without_acknowledge_behind_a_counter_that_stood_still_fails_at_once(wire: Any) -> None:
+def test_unacknowledged_stop_after_a_stuck_counter_fails_at_once(wire: Any) -> None:
     client = wire.ready()
     wire.feed(client, [5, 83, 83, 83, 83])
     client.stop()
     wire.orders(client, T0 + 12)
     client.handle_deadline(T0 + 12 + wire.timeout + 0.01)
     assert failure(wire, client) == (
-        f"{wire.name}: no acknowledge of stop, and its counter stood still before; {HANGS}"
+        f"{wire.name}: no acknowledge of stop, and its counter was stuck before; {HANGS}"
     )
 
 
-def test_a_counter_that_stands_still_for_long_fails(wire: Any) -> None:
+def test_counter_stuck_for_long_fails(wire: Any) -> None:
     client = wire.ready()
     wire.feed(client, [5, 83], T0 + 10)
     at = T0 + 10.99
@@ -223,12 +223,12 @@ def test_a_counter_that_stands_still_for_long_fails(wire: Any) -> None:
         assert client.statistics.standing == k + 1
     client.receive(wire.sample(83), T0 + 12)
     assert failure(wire, client) == (
-        f"{wire.name}: its counter has stood at 83 for 2.0 s while samples continue; "
+        f"{wire.name}: its counter has been stuck at 83 for 2.0 s while samples continue; "
         "sensor unplugged? plug it in, then switch the gateway off and on"
     )
 
 
-def test_a_counter_that_moves_again_is_forgiven(wire: Any) -> None:
+def test_counter_that_resumes_is_accepted(wire: Any) -> None:
     client = wire.ready()
     wire.feed(client, [5, 83, 83, 83, 83], T0 + 10)
     assert client.statistics.stands
@@ -238,7 +238,7 @@ def test_a_counter_that_moves_again_is_forgiven(wire: Any) -> None:
     assert client.phase is Phase.READY
 
 
-def test_stop_is_not_fooled_by_the_acknowledge_of_what_was_under_way(wire: Any) -> None:
+def test_stop_ignores_the_acknowledge_of_a_pending_order(wire: Any) -> None:
     client = wire.ready()
     client.zero()
     assert wire.orders(client, T0 + 10) == [wire.zero]
@@ -263,7 +263,7 @@ def test_stop_after_a_failure_still_goes_out(wire: Any) -> None:
     assert wire.events(client) == [SensorStopped()]
 
 
-def test_boot_up_starts_over_at_once_and_the_sequence_goes_on(wire: Any) -> None:
+def test_boot_up_restarts_at_once_and_the_sequence_continues(wire: Any) -> None:
     client = wire.ready()
     before = wire.feed(client, [100, 178])
     client.receive(wire.data(wire.boot_up), T0 + 20)
@@ -275,7 +275,7 @@ def test_boot_up_starts_over_at_once_and_the_sequence_goes_on(wire: Any) -> None
     assert client.statistics.lost == 0
 
 
-def test_boot_up_while_asking_only_asks_at_once(wire: Any) -> None:
+def test_boot_up_while_asking_only_repeats_the_request(wire: Any) -> None:
     client = wire.begin()
     client.data_to_send(T0)
     client.receive(wire.data(wire.boot_up), T0 + 0.1)
@@ -286,19 +286,19 @@ def test_boot_up_while_asking_only_asks_at_once(wire: Any) -> None:
 # --- samples
 
 
-def test_samples_before_ready_are_not_told(wire: Any) -> None:
+def test_samples_before_ready_are_not_reported(wire: Any) -> None:
     client = wire.begin()
     client.receive(wire.sample(1), T0)
     assert wire.events(client) == []
 
 
-def test_the_counter_goes_on_over_its_wrap(wire: Any) -> None:
+def test_counter_continues_over_its_wrap(wire: Any) -> None:
     """At 10 ms the counter steps by 77.8 samples of 128.5 µs and wraps every 8.4 s."""
     client = wire.ready()
     counters = [int(k * 10_000 / 128.5) for k in range(1, 2000)]
-    told = wire.feed(client, counters)
-    assert [event.sequence for event in told] == counters
-    assert [event.counter for event in told] == [counter % 65536 for counter in counters]
+    reports = wire.feed(client, counters)
+    assert [event.sequence for event in reports] == counters
+    assert [event.counter for event in reports] == [counter % 65536 for counter in counters]
     assert client.statistics.lost == 0
 
 
@@ -309,8 +309,8 @@ def test_lost_and_repeated_frames_are_counted(wire: Any, missing: set[int]) -> N
     client = wire.ready()
     kept = [k for k in range(301) if k not in missing]
     counters = [60_000 + int(k * 10_000 / 128.5) for k in kept]
-    told = wire.feed(client, [*counters, counters[-1]])
-    assert len(told) == len(kept)
+    reports = wire.feed(client, [*counters, counters[-1]])
+    assert len(reports) == len(kept)
     assert client.statistics.lost == len(missing)
     assert client.statistics.repeated == 1
 
@@ -318,17 +318,17 @@ def test_lost_and_repeated_frames_are_counted(wire: Any, missing: set[int]) -> N
 @pytest.mark.full
 @settings(max_examples=60)
 @given(data=st.data())
-def test_any_split_of_the_stream_tells_the_same(wire: Any, data: st.DataObject) -> None:
+def test_any_split_of_the_stream_gives_the_same_events(wire: Any, data: st.DataObject) -> None:
     stream = [wire.sample(65000 + 78 * k & 0xFFFF) for k in range(12) if k != 5]
     rest = functools.reduce(operator.add, stream, wire.noise)
-    whole, parts = wire.ready(), wire.ready()
-    whole.receive(rest, T0 + 10)
+    complete, parts = wire.ready(), wire.ready()
+    complete.receive(rest, T0 + 10)
     while rest:
         size = data.draw(st.integers(1, len(rest)))
         parts.receive(rest[:size], T0 + 10)
         rest = rest[size:]
-    assert wire.events(parts) == wire.events(whole)
-    assert parts.statistics == whole.statistics
+    assert wire.events(parts) == wire.events(complete)
+    assert parts.statistics == complete.statistics
     assert parts.statistics.malformed == 1
 
 
@@ -352,7 +352,7 @@ def test_garbage_then_a_boot_up_recovers(wire: Any, data: st.DataObject) -> None
         ({"cutoff_hz": 0.004}, "cutoff_hz must be 0.01 … 655.35, or 0 for unfiltered, got 0.004"),
         ({"period_ms": 0.0}, "period_ms must be more than 0"),
         ({"period_ms": 4001.0}, "period_ms must be at most 4000"),
-        ({"full_scales": (1.0, 2.0)}, "full_scales must be six values or none, got 2"),
+        ({"full_scales": (1.0, 2.0)}, "full_scales must be six values or empty, got 2"),
         ({"full_scales": (1.0,) * 5 + (0.0,)}, "full_scales must be more than 0"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Frames of the JR3 CAN gateway: golden bytes, round trips, and what is not a frame of it."""
+"""Frames of the JR3 CAN gateway: golden bytes, round trips, and invalid frames."""
 
 import contextlib
 
@@ -98,7 +98,7 @@ def test_samples_survive_the_wire(sample: tuple[int, ...], counter: int) -> None
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
 @settings(max_examples=200)
-def test_arbitrary_frames_raise_remote_errors_or_nothing(number: int, data: bytes) -> None:
+def test_arbitrary_frames_decode_or_raise_remote_errors(number: int, data: bytes) -> None:
     frame = CanFrame(number, data)
     for decode in (
         lambda: decode_command(frame),
@@ -114,7 +114,7 @@ def test_arbitrary_frames_raise_remote_errors_or_nothing(number: int, data: byte
     ("text", "cutoff", "period"),
     [("201#", 0, 0), ("201#C8", 0, 0), ("201#C800", 200, 0), ("201#C800102700", 200, 0), ("181#C8", 0, 0)],
 )
-def test_a_payload_that_is_too_short_counts_as_0(text: str, cutoff: int, period: int) -> None:
+def test_short_payload_counts_as_0(text: str, cutoff: int, period: int) -> None:
     command = decode_command(parse_frame(text))
     assert (command.cutoff_centihertz, command.period_us) == (cutoff, period)
 
@@ -126,12 +126,12 @@ def test_identifiers() -> None:
     for node in (0, 128, -1):
         with pytest.raises(LocalProtocolError, match="1 … 127"):
             identifier(Op.STOP, node)
-    with pytest.raises(LocalProtocolError, match="FORCES is no command"):
+    with pytest.raises(LocalProtocolError, match="FORCES is not a command"):
         encode_command(Command(Op.FORCES, 1))
     with pytest.raises(LocalProtocolError, match="cut-off"):
         encode_command(Command(Op.START_SYNC, 1, cutoff_centihertz=65536))
     for stranger in ("081#", "101#00", "001#", "781#00000000"):
-        with pytest.raises(RemoteProtocolError, match="no command"):
+        with pytest.raises(RemoteProtocolError, match="not a command"):
             decode_command(parse_frame(stranger))
 
 
@@ -153,13 +153,13 @@ def test_counts_and_units() -> None:
     assert wrench_of((0, 0, 0, 1234, 0, 0), facts.scales)[3] == pytest.approx(1234 * 56 / 163840)
 
 
-def test_describe_tells_values_with_units() -> None:
-    told = describe(parse_frame("201#C80010270000"))
-    rows = told.pop("fields")
+def test_describe_has_values_with_units() -> None:
+    items = describe(parse_frame("201#C80010270000"))
+    rows = items.pop("fields")
     assert isinstance(rows, list)
     fields = {row["name"]: (row["value"], row["unit"]) for row in rows}
     assert fields == {"cutoff": (2.0, "Hz"), "period": (0.01, "s")}
-    assert told == {
+    assert items == {
         "identifier": "201",
         "op": "start async",
         "node": 1,
@@ -177,17 +177,17 @@ def test_describe_tells_values_with_units() -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("201#C8", "asynchronous start needs 6 bytes, got 1: what is missing counts as 0"),
+        ("201#C8", "asynchronous start needs 6 bytes, got 1: missing bytes count as 0"),
         ("601#00", "forces needs 8 bytes, got 1"),
         ("401#00", "no data has 0 bytes, got 1: the rest is ignored"),
         ("081#", "SYNC is the bare 080: a gateway ignores it with a node"),
-        ("400#", "node 0 is no gateway"),
-        ("001#", "000 is no op of a gateway"),
-        ("00000201#", "a gateway speaks data frames with 11-bit identifiers only"),
-        ("201#R", "a gateway speaks data frames with 11-bit identifiers only"),
+        ("400#", "node 0 is not a gateway"),
+        ("001#", "000 is not an op of a gateway"),
+        ("00000201#", "a gateway sends only data frames with 11-bit identifiers"),
+        ("201#R", "a gateway sends only data frames with 11-bit identifiers"),
     ],
 )
-def test_describe_tells_what_is_wrong(text: str, problem: str) -> None:
+def test_describe_reports_problems(text: str, problem: str) -> None:
     assert describe(parse_frame(text))["problems"] == [problem]
 
 
@@ -195,10 +195,10 @@ def test_describe_tells_what_is_wrong(text: str, problem: str) -> None:
     ("text", "message"),
     [
         ("201", "column 4: a # between identifier and data is missing"),
-        ("2x1#", "column 2: 'x' is no hexadecimal digit"),
+        ("2x1#", "column 2: 'x' is not a hexadecimal digit"),
         ("21#", "column 1: an identifier has 3 or 8 digits, got 2"),
         ("800#", "column 1: identifier 800 is too large"),
-        ("201#C8 0", "column 7: ' ' is no hexadecimal digit"),
+        ("201#C8 0", "column 7: ' ' is not a hexadecimal digit"),
         ("201#C80", "column 8: half a byte at the end"),
         ("201#001122334455667788", "column 21: a frame holds at most 8 bytes"),
     ],
@@ -216,7 +216,7 @@ def test_text_of_frames_parses_back(number: int, data: bytes) -> None:
 
 
 @given(st.sampled_from(sorted(Op)), st.integers(1, 127), st.integers(1, 127))
-def test_filters_let_through_what_an_end_has_to_hear(op: Op, node: int, other: int) -> None:
+def test_filters_pass_the_frames_of_each_end(op: Op, node: int, other: int) -> None:
     def passes(filters: tuple[CanFilter, ...], of: int) -> bool:
         return any(choice.accepts(CanFrame(identifier(op, of))) for choice in filters)
 

@@ -1,4 +1,4 @@
-"""The register protocol: telegrams, start-up sequence and server, on a board of plain words."""
+"""Register protocol: telegrams, start-up sequence and server, on a board with plain words."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +34,7 @@ from protocol.devices.jr3.registers import (
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Layout
-from tests.wire.plain_board import EPOCH, PROFILE, Words, perform, told
+from tests.wire.plain_board import EPOCH, PROFILE, Words, perform, responses_of
 
 # --- telegrams
 
@@ -65,7 +65,7 @@ bursts = st.integers(0, 8).flatmap(
             Burst, st.integers(0, 2**64 - 1), st.lists(words, min_size=count, max_size=count).map(tuple)
         ),
         max_size=3,
-    ).map(lambda found: (count, tuple(found)))
+    ).map(lambda items: (count, tuple(items)))
 )
 writes = st.lists(words, min_size=1, max_size=MAX_WORDS).map(tuple)
 requests = st.one_of(
@@ -81,7 +81,7 @@ requests = st.one_of(
     st.builds(lambda tag, at, values: Request(Op.WRITE, tag, at, len(values), values), words, words, writes),
 )
 responses = st.builds(
-    lambda op, status, tag, at, told: Response(op, status, tag, at, *told),
+    lambda op, status, tag, at, responses_of: Response(op, status, tag, at, *responses_of),
     bytes_,
     st.sampled_from(Status),
     words,
@@ -104,9 +104,9 @@ def test_golden_responses(text: str, response: Response) -> None:
 
 @given(st.lists(requests, max_size=3), st.lists(responses, max_size=3))
 @settings(max_examples=100, deadline=None)
-def test_round_trip(asked: list[Request], answered: list[Response]) -> None:
-    assert request_reader().feed(b"".join(map(encode_request, asked))) == asked
-    assert response_reader().feed(b"".join(map(encode_response, answered))) == answered
+def test_round_trip(sent: list[Request], replies: list[Response]) -> None:
+    assert request_reader().feed(b"".join(map(encode_request, sent))) == sent
+    assert response_reader().feed(b"".join(map(encode_response, replies))) == replies
 
 
 WIRE = (
@@ -121,22 +121,22 @@ WIRE = (
 @settings(max_examples=100, deadline=None)
 def test_any_split_gives_the_same_telegrams(cuts: list[int]) -> None:
     reader = request_reader()
-    found = [
+    result = [
         item
         for begin, end in zip([0, *cuts], [*cuts, len(WIRE)], strict=True)
         for item in reader.feed(WIRE[begin:end])
     ]
-    assert found == request_reader().feed(WIRE)
-    assert [type(item) for item in found] == [Garbage, *[Request] * len(GOLDEN_REQUESTS), Garbage, Request]
+    assert result == request_reader().feed(WIRE)
+    assert [type(item) for item in result] == [Garbage, *[Request] * len(GOLDEN_REQUESTS), Garbage, Request]
 
 
 def test_every_single_cut_gives_the_same_telegrams() -> None:
-    whole = request_reader().feed(WIRE)
+    complete = request_reader().feed(WIRE)
     for cut in range(len(WIRE)):
         reader = request_reader()
-        assert reader.feed(WIRE[:cut]) + reader.feed(WIRE[cut:]) == whole
+        assert reader.feed(WIRE[:cut]) + reader.feed(WIRE[cut:]) == complete
     reader = request_reader()
-    assert [item for byte in WIRE for item in reader.feed(bytes([byte]))] == whole
+    assert [item for byte in WIRE for item in reader.feed(bytes([byte]))] == complete
 
 
 def test_garbage_then_valid_recovers() -> None:
@@ -147,9 +147,9 @@ def test_garbage_then_valid_recovers() -> None:
         b"GET / HTTP/1.1\r\n\r\n",
         bytes.fromhex("4A52 02 01 0001 00E7 0101 00000000"),
     ):
-        told, found = request_reader().feed(garbage + bytes.fromhex(golden))
-        assert isinstance(told, Garbage)
-        assert found == request_
+        garbage_report, result = request_reader().feed(garbage + bytes.fromhex(golden))
+        assert isinstance(garbage_report, Garbage)
+        assert result == request_
     (golden_response, response), *_ = GOLDEN_RESPONSES.items()
     for text in ("6A72 01 63 0000 0000 0000 00 00", "6A72 01 00 0000 0000 FFFF 01 00"):
         refused, answer = response_reader().feed(bytes.fromhex(text) + bytes.fromhex(golden_response))
@@ -165,7 +165,7 @@ def test_arbitrary_bytes_do_no_harm(noise: bytes, more: bytes) -> None:
         reader.feed(magic + more)
 
 
-def test_what_cannot_be_said_is_refused() -> None:
+def test_unencodable_values_are_refused() -> None:
     for request_ in (
         Request(Op.WRITE, 1, 0, 0, ()),
         Request(Op.WRITE, 1, 0, 2, (1,)),
@@ -186,7 +186,7 @@ def test_what_cannot_be_said_is_refused() -> None:
 
 
 @pytest.mark.parametrize("layout", [REQUEST, RESPONSE, BURST], ids=lambda layout: layout.name)
-def test_the_page_shows_the_tables_of_the_code(layout: Layout) -> None:
+def test_page_shows_the_tables_of_the_code(layout: Layout) -> None:
     sizes = {"B": 1, "H": 2, "I": 4, "Q": 8}
     page = (Path(__file__).parents[2] / "docs" / "reference" / "jr3-registers.md").read_text(encoding="utf-8")
     rows = [f"| {f.offset} | {sizes[f.format]} | `{f.name}` | {f.meaning} |" for f in layout.fields]
@@ -198,7 +198,7 @@ def test_the_page_shows_the_tables_of_the_code(layout: Layout) -> None:
 # --- start-up
 
 
-def test_the_start_up_is_the_drivers() -> None:
+def test_start_up_is_the_drivers() -> None:
     board = Words()
     identity, steps, took = perform(board, start_up(PROFILE))
     assert steps == [
@@ -243,7 +243,7 @@ def test_full_scales_of_every_unit(units: int, force: float, moment: float) -> N
     assert identity.full_scales[5] == pytest.approx(260 * moment)
 
 
-def test_a_changed_sensor_is_acknowledged_and_waited_for() -> None:
+def test_changed_sensor_is_acknowledged_and_waited_for() -> None:
     board = Words()
     board.poke("errors", 0x0800)
     _, steps, took = perform(board, start_up(replace(PROFILE, offset_polls=2)))
@@ -257,14 +257,14 @@ def test_a_changed_sensor_is_acknowledged_and_waited_for() -> None:
     [
         ("errors", 0x8000, "no sensor after 10 s .watch dog.", "is it plugged in?"),
         ("errors", 0x4000, "no sensor after 10 s .watch dog2.", "is it plugged in?"),
-        ("serial_no", 0, "calibration is not read after 10 s", "is it plugged in?"),
-        ("model_no", 0, "calibration is not read after 10 s", "is it plugged in?"),
+        ("serial_no", 0, "calibration has not been read after 10 s", "is it plugged in?"),
+        ("model_no", 0, "calibration has not been read after 10 s", "is it plugged in?"),
         ("max_full_scale", 0, "full scale of fx is 0", "calibration not read?"),
         ("max_full_scale", -3, "full scale of fx is -3", "calibration not read?"),
         ("units", 4, "counts in unit 4", ""),
     ],
 )
-def test_start_up_that_cannot_be(name: str, value: int, text: str, remedy: str) -> None:
+def test_impossible_start_up_is_refused(name: str, value: int, text: str, remedy: str) -> None:
     board = Words()
     board.poke(name, value)
     with pytest.raises(RemoteProtocolError, match=text) as raised:
@@ -272,27 +272,27 @@ def test_start_up_that_cannot_be(name: str, value: int, text: str, remedy: str) 
     assert raised.value.remedy == remedy
 
 
-def test_a_command_that_fails_or_never_ends() -> None:
+def test_command_that_fails_or_never_ends_raises() -> None:
     board = Words()
     board.answers = {0x0500: -1, 0x0D00: 0x0D00}
     with pytest.raises(RemoteProtocolError, match=r"command 0500 \(use transform\) failed with -1"):
         perform(board, command(PROFILE, 0x0500))
-    with pytest.raises(RemoteProtocolError, match="command 0D00 has no end after 1 s"):
+    with pytest.raises(RemoteProtocolError, match="command 0D00 has not ended after 1 s"):
         perform(board, command(PROFILE, 0x0D00))
 
 
 # --- server
 
 
-def asked(server: RegisterServer, *telegrams: Request, now: float = EPOCH) -> list[Response | Garbage]:
+def exchange(server: RegisterServer, *telegrams: Request, now: float = EPOCH) -> list[Response | Garbage]:
     server.receive(b"".join(map(encode_request, telegrams)), now)
-    return told(server, now)
+    return responses_of(server, now)
 
 
 def test_server_reads_and_writes_and_resets() -> None:
     board = Words()
     server = RegisterServer(board, RegisterServerProfile(), EPOCH)
-    assert asked(
+    assert exchange(
         server,
         Request(Op.WRITE, 1, 0x200, 2, (5, 6)),
         Request(Op.READ, 2, 0x1FF, 3),
@@ -326,11 +326,11 @@ def test_server_reads_and_writes_and_resets() -> None:
         (Request(Op.STREAM, 9, 0x4000, 1, period_us=1000), Status.OUTSIDE_MAP),
     ],
 )
-def test_server_says_why_not_and_goes_on(request_: Request, status: Status) -> None:
+def test_server_gives_the_reason_for_a_refusal_and_continues(request_: Request, status: Status) -> None:
     board = Words()
     board.may_reset = False
     server = RegisterServer(board, RegisterServerProfile(), EPOCH)
-    refused, served = asked(server, request_, Request(Op.READ, 10, 0xF8, 1))
+    refused, served = exchange(server, request_, Request(Op.READ, 10, 0xF8, 1))
     assert isinstance(refused, Response)
     assert (refused.op, refused.status, refused.tag, refused.bursts) == (request_.op, status, 9, ())
     assert isinstance(served, Response)
@@ -339,7 +339,7 @@ def test_server_says_why_not_and_goes_on(request_: Request, status: Status) -> N
     assert server.next_deadline() == EPOCH + 60.0
 
 
-def test_server_tells_whom_it_lost_and_begins_anew() -> None:
+def test_server_reports_lost_framing_and_restarts() -> None:
     server = RegisterServer(Words(), RegisterServerProfile(), EPOCH)
     server.receive(
         encode_request(Request(Op.STREAM, 1, 0, 1, period_us=1000))
@@ -347,24 +347,24 @@ def test_server_tells_whom_it_lost_and_begins_anew() -> None:
         + encode_request(Request(Op.READ, 2, 0, 1)),
         EPOCH,
     )
-    assert told(server, EPOCH) == [
+    assert responses_of(server, EPOCH) == [
         Response(Op.STREAM, Status.OK, 1, 0, 1),
         Response(Op.CONNECTION, Status.BAD_FRAME, 0),
     ]
     assert server.next_event() == ConnectionOver("no request begins with 47")
     assert server.next_deadline() == EPOCH + 60.0
-    assert len(asked(server, Request(Op.READ, 3, 0, 1))) == 1
+    assert len(exchange(server, Request(Op.READ, 3, 0, 1))) == 1
 
 
 def test_server_drops_the_silent_but_not_a_stream() -> None:
     server = RegisterServer(Words(), RegisterServerProfile(idle_timeout_s=2.0), EPOCH)
-    asked(server, Request(Op.READ, 1, 0, 1), now=EPOCH + 1.0)
+    exchange(server, Request(Op.READ, 1, 0, 1), now=EPOCH + 1.0)
     server.handle_deadline(EPOCH + 2.9)
     assert server.next_event() is None
     server.handle_deadline(EPOCH + 3.0)
-    assert told(server, EPOCH + 3.0) == [Response(Op.CONNECTION, Status.IDLE, 0)]
+    assert responses_of(server, EPOCH + 3.0) == [Response(Op.CONNECTION, Status.IDLE, 0)]
     assert server.next_event() == ConnectionOver("no request for 2 s")
-    asked(server, Request(Op.STREAM, 1, 0, 1, period_us=10_000_000), now=EPOCH + 4.0)
+    exchange(server, Request(Op.STREAM, 1, 0, 1, period_us=10_000_000), now=EPOCH + 4.0)
     assert server.next_deadline() == EPOCH + 14.0
     patient = RegisterServer(Words(), RegisterServerProfile(idle_timeout_s=0.0), EPOCH)
     assert patient.next_deadline() is None
@@ -372,25 +372,25 @@ def test_server_drops_the_silent_but_not_a_stream() -> None:
     assert patient.next_event() is None
 
 
-def test_stream_is_paced_by_its_anchor_and_leaves_out_what_it_missed() -> None:
+def test_stream_is_paced_by_its_anchor_and_skips_missed_bursts() -> None:
     board = Words()
     server = RegisterServer(board, RegisterServerProfile(), EPOCH)
-    asked(server, Request(Op.STREAM, 5, 0xE9, 1, period_us=1000, bursts=2))
+    exchange(server, Request(Op.STREAM, 5, 0xE9, 1, period_us=1000, bursts=2))
     stamps = []
     for late in (0.0, 0.0002, 0.0035, 0.0, 0.0, 0.0):
         now = (server.next_deadline() or 0.0) + late
         server.handle_deadline(now)
-        for response in told(server, now):
+        for response in responses_of(server, now):
             assert isinstance(response, Response)
             assert (response.op, response.tag, response.count) == (Op.STREAM, 5, 1)
             assert len(response.bursts) == 2
             stamps += [burst.time_ns - 4_321_500_000_000 for burst in response.bursts]
     assert stamps == pytest.approx([1e6, 2.2e6, 6.5e6, 7e6, 8e6, 9e6], abs=2)
-    assert asked(server, Request(Op.STREAM, 6)) == [Response(Op.STREAM, Status.OK, 6)]
+    assert exchange(server, Request(Op.STREAM, 6)) == [Response(Op.STREAM, Status.OK, 6)]
     assert (server.next_deadline() or 0.0) > EPOCH + 59.0
 
 
-def test_a_flood_of_requests_is_answered_in_bounded_pieces() -> None:
+def test_flood_of_requests_is_answered_in_bounded_pieces() -> None:
     server = RegisterServer(Words(), RegisterServerProfile(), EPOCH)
     server.receive(encode_request(Request(Op.READ, 1, 0, 256)) * 200, EPOCH)
     pieces = [len(piece) for piece in iter(lambda: server.data_to_send(EPOCH), b"")]

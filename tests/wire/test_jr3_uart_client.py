@@ -1,4 +1,4 @@
-"""Properties of the client of the UART gateway alone: its pace, its bytes, and the reasons of its silence."""
+"""Behaviour specific to the UART gateway client: its pace, its bytes, and the reasons for its silence."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ START = b"<02" + bytes.fromhex("E80310270000") + b">"
 OK, NOT_READY = b"<01\x00>", b"<01\x01>"
 OK_SCALES = b"<01\x00" + bytes.fromhex("73006F00B900380034003D00") + b">"
 STEP, TIMEOUT = 1.125, 1.25
-"""A little more than the pause, and the acknowledge time-out, s."""
+"""Slightly more than the pause, and the acknowledge time-out, s."""
 
 
 def exchange(client: Any, now: float, answer: bytes, *, expect: bytes) -> None:
@@ -44,36 +44,36 @@ def test_session_with_a_pause_after_every_acknowledge(uart: Any) -> None:
     assert isinstance(uart.events(client)[0], Zeroed)
 
 
-def test_a_sample_is_told_whole_with_its_time(uart: Any) -> None:
+def test_sample_is_reported_complete_with_its_time(uart: Any) -> None:
     client = uart.ready()
     client.receive(encode_data((1, -2, 3, -4, 5, 0x3E3E), 77), T0 + 10)
     assert uart.events(client) == [WrenchFrame((1, -2, 3, -4, 5, 0x3E3E), 77, 77, T0 + 10)]
 
 
-def test_a_client_tells_which_axes_are_saturated(uart: Any) -> None:
+def test_client_reports_saturated_axes(uart: Any) -> None:
     client = uart.ready()
     client.receive(encode_data((0, 0, 0, 0, -32768, 0), 77), T0 + 10)
     notice, frame = uart.events(client)
-    assert notice == SensorNotice("my is at 100% of what the sensor can tell")
+    assert notice == SensorNotice("my is at 100% of the sensor's range")
     assert frame.saturated == 0b010000
 
 
 @pytest.mark.parametrize(
-    ("heard", "fact", "remedy"),
+    ("data", "fact", "remedy"),
     [
         (b"", "silent for 3 s", f"power, cable, port? {HANGS}"),
-        (b"\xf8\x00\x80", "bytes but no frame of a gateway in 3 s", "not 115200 baud, or another device?"),
-        (encode_data([7] * 6, 1), "sends but acknowledges nothing in 3 s", "is the line to it open?"),
+        (b"\xf8\x00\x80", "bytes but no frame of a gateway for 3 s", "not 115200 baud, or another device?"),
+        (encode_data([7] * 6, 1), "sends but acknowledges nothing for 3 s", "is the line to it open?"),
     ],
 )
-def test_why_it_is_not_ready_is_told(uart: Any, heard: bytes, fact: str, remedy: str) -> None:
+def test_reason_for_not_ready_is_reported(uart: Any, data: bytes, fact: str, remedy: str) -> None:
     client = uart.begin(ready_timeout_s=3.0)
-    client.receive(heard, T0)
+    client.receive(data, T0)
     client.handle_deadline(T0 + 3)
     assert uart.events(client) == [SensorFailed(f"UART gateway: {fact}", remedy)]
 
 
-def test_a_cut_off_before_the_start_goes_out_with_it_alone(uart: Any) -> None:
+def test_cut_off_before_the_start_goes_out_with_it_alone(uart: Any) -> None:
     client = uart.begin()
     exchange(client, T0, OK, expect=STATE)
     client.set_filter(2.0)
@@ -83,12 +83,12 @@ def test_a_cut_off_before_the_start_goes_out_with_it_alone(uart: Any) -> None:
 
 
 @pytest.mark.parametrize("cutoff_hz", [0.62, 160.0])
-def test_no_cut_off_that_looks_like_a_delimiter(uart: Any, cutoff_hz: float) -> None:
+def test_cut_off_resembling_a_delimiter_is_refused(uart: Any, cutoff_hz: float) -> None:
     with pytest.raises(LocalProtocolError, match="cutoff_hz must not be"):
         uart.begin().set_filter(cutoff_hz)
 
 
-def test_not_ready_is_asked_again_after_the_pause(uart: Any) -> None:
+def test_not_ready_is_repeated_after_the_pause(uart: Any) -> None:
     client = uart.begin()
     exchange(client, T0, NOT_READY, expect=STATE)
     assert client.data_to_send(T0 + 1) == b""
@@ -98,8 +98,8 @@ def test_not_ready_is_asked_again_after_the_pause(uart: Any) -> None:
     assert uart.events(client) == [READY]
 
 
-def test_an_unexpected_acknowledge_makes_the_gateway_deaf_too(uart: Any) -> None:
-    """Both answers to a repeated command come: the second begins another deaf second."""
+def test_unexpected_acknowledge_also_starts_a_pause(uart: Any) -> None:
+    """Both answers to a repeated command arrive: the second starts another second without reception."""
     client = uart.begin()
     client.data_to_send(T0)
     client.handle_deadline(T0 + TIMEOUT)
@@ -109,8 +109,8 @@ def test_an_unexpected_acknowledge_makes_the_gateway_deaf_too(uart: Any) -> None
     assert client.data_to_send(T0 + TIMEOUT + 1.0 + STEP) == SCALES
 
 
-def test_a_short_answer_to_the_full_scales_is_no_answer(uart: Any) -> None:
-    """The gateway understood another command: that one was acknowledged, the scales are asked for again."""
+def test_short_answer_to_the_full_scales_is_no_answer(uart: Any) -> None:
+    """The gateway acknowledged another command; the scales are requested again."""
     client = uart.begin()
     exchange(client, T0, OK, expect=STATE)
     exchange(client, T0 + STEP, OK, expect=SCALES)
@@ -120,7 +120,7 @@ def test_a_short_answer_to_the_full_scales_is_no_answer(uart: Any) -> None:
     assert client.data_to_send(T0 + 2 * STEP + TIMEOUT) == START
 
 
-def test_stop_while_the_full_scales_are_asked_for(uart: Any) -> None:
+def test_stop_while_the_full_scales_are_requested(uart: Any) -> None:
     client = uart.begin()
     exchange(client, T0, OK, expect=STATE)
     assert client.data_to_send(T0 + STEP) == SCALES

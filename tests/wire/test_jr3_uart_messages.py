@@ -104,7 +104,7 @@ def test_commands_survive_the_wire_or_are_refused(op: Op, cutoff: int, period: i
         period.to_bytes(4, "little") if op is Op.START else b""
     )
     if set(payload) & set(b"<>"):
-        with pytest.raises(LocalProtocolError, match="holds 3C or 3E"):
+        with pytest.raises(LocalProtocolError, match="contains 3C or 3E"):
             encode_command(command)
         return
     raw = encode_command(command)
@@ -130,12 +130,12 @@ def test_samples_survive_the_wire(six: tuple[int, int, int, int, int, int], coun
 def test_any_split_of_the_bytes_gives_the_same_frames(parts: list[bytes], data: st.DataObject) -> None:
     raw = b"".join(parts) + bytes(Frame(Op.BOOT_UP))
 
-    def split(whole: bytes) -> list[bytes]:
+    def split(stream: bytes) -> list[bytes]:
         pieces = []
-        while whole:
-            size = data.draw(st.integers(1, len(whole)))
-            pieces.append(whole[:size])
-            whole = whole[size:]
+        while stream:
+            size = data.draw(st.integers(1, len(stream)))
+            pieces.append(stream[:size])
+            stream = stream[size:]
         return pieces
 
     frames, reader = read(raw, split)
@@ -151,15 +151,15 @@ def test_garbage_then_frames_recovers(noise: bytes, parts: list[bytes]) -> None:
     assert (reader.skipped, reader.noises) == (len(noise), int(bool(noise)))
 
 
-def test_a_frame_that_never_ends_is_searched_for_the_next_one() -> None:
+def test_endless_frame_is_searched_for_the_next_one() -> None:
     sample = encode_data((1, 2, 3, 4, 5, 6), 7)
     frames, reader = read(b"<09<01" + sample[:9] + sample + b"<\x00>" + sample)
     assert [bytes(frame) for frame in frames] == [sample, sample]
     assert (reader.skipped, reader.noises) == (15 + 3, 2)
 
 
-def test_the_firmware_s_own_text_on_the_same_line_is_skipped() -> None:
-    """Its console is the same UART: lines of text stand between frames."""
+def test_firmware_s_own_text_on_the_same_line_is_skipped() -> None:
+    """Its console uses the same UART: lines of text are between the frames."""
     acknowledge = encode_acknowledge(Acknowledge(0))
     frames, reader = read(
         b"a line of text\n" + acknowledge + b"another\n" + acknowledge, scales_expected=False
@@ -170,7 +170,7 @@ def test_the_firmware_s_own_text_on_the_same_line_is_skipped() -> None:
 
 @given(st.binary(max_size=120), st.integers(0, 255))
 @settings(max_examples=200)
-def test_arbitrary_bytes_raise_remote_errors_or_nothing(raw: bytes, op: int) -> None:
+def test_arbitrary_bytes_decode_or_raise_remote_errors(raw: bytes, op: int) -> None:
     for decode in (
         lambda: decode_command(op, raw),
         lambda: decode_acknowledge(raw),
@@ -204,7 +204,7 @@ def test_delimiters_inside_payloads_are_data(byte: int) -> None:
     assert reader.skipped == 0
 
 
-def test_who_knows_what_was_asked_need_not_wait_for_more() -> None:
+def test_reader_that_knows_the_request_need_not_wait() -> None:
     short = encode_acknowledge(Acknowledge(0))
     long = encode_acknowledge(Acknowledge(0, (115, 108, 185, 56, 52, 61)))
     assert len(read(short, scales_expected=False)[0]) == 1
@@ -213,20 +213,20 @@ def test_who_knows_what_was_asked_need_not_wait_for_more() -> None:
     assert len(read(long, scales_expected=False)[0][0].payload) == 13
 
 
-def test_an_acknowledge_of_another_length_is_noise() -> None:
+def test_acknowledge_of_another_length_is_noise() -> None:
     frames, reader = read(b"<01\x00\x00>" + bytes(20) + bytes(Frame(Op.BOOT_UP)))
     assert [frame.op for frame in frames] == [Op.BOOT_UP]
     assert reader.skipped == 26
 
 
 def test_commands_that_the_gateway_would_misread_are_refused() -> None:
-    with pytest.raises(LocalProtocolError, match=r"cut-off 3E 00 holds 3C or 3E"):
+    with pytest.raises(LocalProtocolError, match=r"cut-off 3E 00 contains 3C or 3E"):
         encode_command(Command(Op.SET_FILTER, cutoff_centihertz=62))
-    with pytest.raises(LocalProtocolError, match="DATA is no command"):
+    with pytest.raises(LocalProtocolError, match="DATA is not a command"):
         encode_command(Command(Op.DATA))
     with pytest.raises(LocalProtocolError, match="cut-off"):
         encode_command(Command(Op.SET_FILTER, cutoff_centihertz=65536))
-    with pytest.raises(RemoteProtocolError, match="09 is no command"):
+    with pytest.raises(RemoteProtocolError, match="09 is not a command"):
         decode_command(9, b"")
     assert sendable_near(61, 2) == (61,)
     assert sendable_near(60, 2) == (59, 61)
@@ -239,14 +239,14 @@ def test_commands_that_the_gateway_would_misread_are_refused() -> None:
     ("payload", "cutoff", "period"),
     [("", 0, 0), ("C8", 0, 0), ("C800", 200, 0), ("C800102700", 200, 0), ("C80010270000", 200, 10_000)],
 )
-def test_a_payload_that_is_too_short_counts_as_0(payload: str, cutoff: int, period: int) -> None:
+def test_short_payload_counts_as_0(payload: str, cutoff: int, period: int) -> None:
     assert decode_command(2, bytes.fromhex(payload)) == Command(Op.START, cutoff, period)
 
 
 # --- for people
 
 
-def test_describe_tells_frames_of_both_directions_and_noise() -> None:
+def test_describe_has_frames_of_both_directions_and_noise() -> None:
     start = bytes.fromhex("3C3032C800102700003E")
     scales = bytes.fromhex("3C3031003E006C00B900380034003D003E")
     items = describe(b"x" + start + scales + bytes.fromhex("3C3031003E") + b"<0")
@@ -270,8 +270,8 @@ def test_describe_tells_frames_of_both_directions_and_noise() -> None:
     assert (tail["offset"], tail["bytes"]) == (33, "3C 30")
 
 
-def test_describe_tells_what_a_gateway_would_misread() -> None:
+def test_describe_reports_what_a_gateway_would_misread() -> None:
     (item,) = describe(bytes.fromhex("3C30353E003E"))
     assert item["problems"] == [
-        "the payload holds 3C or 3E: the gateway takes it for < or > and reads something else"
+        "the payload contains 3C or 3E: the gateway interprets it as < or > and misreads the frame"
     ]

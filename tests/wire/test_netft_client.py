@@ -1,4 +1,4 @@
-"""The client of a Net F/T: its session, both sequences, the status, and silence."""
+"""Client of a Net F/T: its session, both sequences, the status, and silence."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -37,14 +37,14 @@ def record(rdt: int, ft: int, status: int = 0, counts: Sequence[int] = COUNTS) -
 
 
 def events(client: NetFtClient) -> list[Any]:
-    found = []
+    items = []
     while (event := client.next_event()) is not None:
-        found.append(event)
-    return found
+        items.append(event)
+    return items
 
 
 def streaming(**settings: Any) -> NetFtClient:
-    """A client whose stream has begun with the sample 700."""
+    """Return a client whose stream has started with sample 700."""
     client = NetFtClient(NetFtClientProfile(**settings), T0)
     client.receive([PAGE], T0)
     assert client.data_to_send(T0) == [START]
@@ -59,7 +59,7 @@ def frames(client: NetFtClient) -> list[int]:
     return [event.sequence for event in events(client) if isinstance(event, WrenchFrame)]
 
 
-def test_nothing_is_asked_before_the_page_has_told_the_units() -> None:
+def test_no_request_is_sent_before_the_page_gives_the_units() -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     assert client.data_to_send(T0) == []
     client.receive([record(1, 1)], T0)
@@ -71,22 +71,22 @@ def test_nothing_is_asked_before_the_page_has_told_the_units() -> None:
 
 
 @pytest.mark.parametrize(
-    ("page", "words"),
+    ("page", "message"),
     [
-        (Page(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<")), "the unit 'pond'"),
+        (Page(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<")), "the unknown unit 'pond'"),
         (Page(PAGE.replace(b"</netft>", b"<comrdte>Disabled</comrdte></netft>")), "switched off"),
-        (Page(b"<html></html>"), "not one of a Net F/T"),
-        (Page(PAGE.replace(b"<scfgfu>N</scfgfu>", b"<cfgfu>7</cfgfu>")), "the unit 'of code 7'"),
-        (Page(PAGE.replace(b"<scfgtu>N-m</scfgtu>", b"")), "does not tell scfgtu"),
+        (Page(b"<html></html>"), "not from a Net F/T"),
+        (Page(PAGE.replace(b"<scfgfu>N</scfgfu>", b"<cfgfu>7</cfgfu>")), "the unknown unit 'of code 7'"),
+        (Page(PAGE.replace(b"<scfgtu>N-m</scfgtu>", b"")), "does not contain scfgtu"),
         (Page(PAGE.replace(b"</netft>", b"<runrate>7812</runrate></netft>")), "7812 internal samples"),
     ],
 )
-def test_a_page_that_will_not_do_ends_the_session(page: Page, words: str) -> None:
+def test_invalid_page_ends_the_session(page: Page, message: str) -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     client.receive([page], T0)
     (failed,) = events(client)
     assert isinstance(failed, SensorFailed)
-    assert words in failed.text
+    assert message in failed.text
     assert "\n" not in failed.text
     assert client.next_deadline() is None
     with pytest.raises(LocalProtocolError):
@@ -100,7 +100,7 @@ def test_a_page_that_will_not_do_ends_the_session(page: Page, words: str) -> Non
         (b"<cfgfu>5</cfgfu><cfgtu>4</cfgtu>", 9.80665e-6, 1e-9),
     ],
 )
-def test_units_are_read_from_their_codes_where_a_page_has_no_names(
+def test_units_are_read_from_codes_if_a_page_has_no_names(
     tags: bytes, force_n: float, moment_nm: float
 ) -> None:
     page = PAGE.replace(b"<scfgfu>N</scfgfu><scfgtu>N-m</scfgtu>", tags)
@@ -112,8 +112,8 @@ def test_units_are_read_from_their_codes_where_a_page_has_no_names(
     assert ready.facts.scales == pytest.approx((*(force_n,) * 3, *(moment_nm,) * 3))
 
 
-def test_a_computer_that_falls_behind_shows_no_other_rate() -> None:
-    """Each record of the first second comes later than the one before, by 5 to 12 ms in 0.1 s; then it catches up."""
+def test_late_computer_causes_no_other_rate() -> None:
+    """Each record of the first second is 5 to 12 ms per 0.1 s later than the previous one; then it catches up."""
     client, at = streaming(), T0
     for k in range(1, 1500):
         at = max(at, T0 + k * 1e-3) if k > 1000 else T0 + k * (1.06 + 0.00007 * k) * 1e-3
@@ -122,8 +122,8 @@ def test_a_computer_that_falls_behind_shows_no_other_rate() -> None:
 
 
 @pytest.mark.parametrize(("rate", "jitter_s"), [(7812, 0.0), (3906, 0.003), (7000, 0.008)])
-def test_another_internal_rate_is_named_with_the_setting_that_mends_it(rate: int, jitter_s: float) -> None:
-    """A record each millisecond; each twentieth one comes late."""
+def test_another_internal_rate_is_reported_with_its_setting(rate: int, jitter_s: float) -> None:
+    """One record per millisecond; every twentieth one is late."""
     client = streaming()
     for k in range(1, 1000):
         at = T0 + k * 1e-3 + (jitter_s if k % 20 == 0 else 0.0)
@@ -137,7 +137,7 @@ def test_another_internal_rate_is_named_with_the_setting_that_mends_it(rate: int
     assert failed.remedy == f'set family to "axia" and internal_rate_hz in [sensor.netft] to {rate}'
 
 
-def test_a_page_that_does_not_come_ends_the_session_with_the_reason() -> None:
+def test_missing_page_ends_the_session_with_the_reason() -> None:
     client = NetFtClient(NetFtClientProfile(page_patience_s=2.0), T0)
     client.receive([Page(failure="tcp://10.0.0.1:80: refused")], T0)
     client.handle_deadline(T0 + 1.0)
@@ -147,7 +147,7 @@ def test_a_page_that_does_not_come_ends_the_session_with_the_reason() -> None:
     assert "tcp://10.0.0.1:80: refused" in failed.text
 
 
-def test_a_start_is_repeated_ten_times() -> None:
+def test_start_is_repeated_ten_times() -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     client.receive([PAGE], T0)
     sent: list[bytes] = []
@@ -156,10 +156,10 @@ def test_a_start_is_repeated_ten_times() -> None:
         client.handle_deadline(T0 + 0.11 * (k + 1))
     assert sent == [START] * 10 + [STOP]
     (failed,) = events(client)
-    assert "no record came after 10 requests" in failed.text
+    assert "no record received after 10 requests" in failed.text
 
 
-def test_silence_in_the_stream_asks_anew_and_says_so() -> None:
+def test_silence_in_the_stream_repeats_the_request() -> None:
     client = streaming()
     client.receive([record(2, 707)], T0 + 0.001)
     client.handle_deadline(T0 + 0.1)
@@ -181,21 +181,21 @@ def test_gaps_duplicates_and_stragglers_are_counted() -> None:
     assert client.statistics.standing == 0
 
 
-def test_a_sample_number_that_stands_still_is_told() -> None:
+def test_stuck_sample_number_is_reported() -> None:
     client = streaming()
     client.receive([record(rdt, 700) for rdt in range(2, 6)], T0)
     assert frames(client) == []
     assert client.statistics.stands
 
 
-def test_numbers_go_on_over_their_end() -> None:
+def test_numbers_continue_over_their_wrap() -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     client.receive([PAGE, record(2**32 - 1, 2**32 - 7), record(0, 0), record(1, 7)], T0)
     assert frames(client) == [2**32 - 7, 2**32, 2**32 + 7]
     assert client.statistics.lost == 0
 
 
-def test_a_box_that_began_again_is_told() -> None:
+def test_restarted_box_is_reported() -> None:
     client = streaming()
     client.handle_deadline(T0 + 0.1)
     client.receive([record(1, 20)], T0 + 0.2)
@@ -205,7 +205,7 @@ def test_a_box_that_began_again_is_told() -> None:
     assert SensorRestarted() in events(client)
 
 
-def test_a_threshold_is_a_warning_once() -> None:
+def test_threshold_is_a_warning_once() -> None:
     client = streaming()
     client.receive([record(2, 707, 0x80010000), record(3, 714, 0x80010000)], T0)
     client.receive([record(4, 721, 0x00010000)], T0)
@@ -219,12 +219,12 @@ def test_a_threshold_is_a_warning_once() -> None:
 
 
 @pytest.mark.parametrize("status", [0x80020000, 0x88000010, 0x80000100, 0x80000000, 0x40000000, 0x80030000])
-def test_any_other_status_makes_all_axes_worthless_and_is_told(status: int) -> None:
+def test_any_other_status_marks_all_axes_and_is_reported(status: int) -> None:
     client = streaming()
     client.receive([record(2, 707, status), record(3, 714, status), record(4, 721)], T0)
-    notice, *told = events(client)
+    notice, *reports = events(client)
     assert f"{status:08X}" in notice.text
-    assert [event.saturated for event in told] == [0b111111, 0b111111, 0]
+    assert [event.saturated for event in reports] == [0b111111, 0b111111, 0]
 
 
 @pytest.mark.parametrize(
@@ -247,12 +247,12 @@ def test_axia_busy_and_simulated_are_no_faults(status: int, saturated: int) -> N
 
 
 @pytest.mark.parametrize(("status", "begins"), [(0x80000008, True), (0x88000000, True), (0x80000001, False)])
-def test_axia_session_begins_unless_it_is_faulty(status: int, begins: bool) -> None:
+def test_axia_session_starts_unless_it_is_faulty(status: int, begins: bool) -> None:
     client = NetFtClient(NetFtClientProfile(family="axia"), T0)
     client.receive([PAGE, record(1, 700, status)], T0)
-    told = events(client)
-    assert any(isinstance(event, SensorReady) for event in told) is begins
-    assert begins or "temperature out of range" in told[0].text
+    reports = events(client)
+    assert any(isinstance(event, SensorReady) for event in reports) is begins
+    assert begins or "temperature out of range" in reports[0].text
 
 
 def test_rate_of_an_axia_needs_its_family() -> None:
@@ -264,15 +264,15 @@ def test_rate_of_an_axia_needs_its_family() -> None:
         NetFtClientProfile(family="other")  # type: ignore[arg-type]
 
 
-def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:
+def test_constantly_changing_status_is_limited_in_the_recording() -> None:
     client = streaming()
     client.receive([record(2 + k, 707 + 7 * k, 0x80000000 | k % 90) for k in range(1000)], T0)
-    told = events(client)
-    assert len([event for event in told if isinstance(event, SensorNotice)]) == 16
-    assert len(told) == 1016
+    reports = events(client)
+    assert len([event for event in reports if isinstance(event, SensorNotice)]) == 16
+    assert len(reports) == 1016
 
 
-def test_a_session_does_not_begin_with_an_error() -> None:
+def test_session_does_not_start_with_an_error() -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     client.receive([PAGE, record(1, 700, 0x88000010), record(2, 707)], T0)
     (failed,) = events(client)
@@ -281,17 +281,17 @@ def test_a_session_does_not_begin_with_an_error() -> None:
     assert client.data_to_send(T0) == [START, STOP]
 
 
-def test_the_zero_is_the_hosts_and_the_sensor_is_not_biased() -> None:
+def test_zero_is_the_hosts_and_the_sensor_is_not_biased() -> None:
     client = streaming(zero_s=0.003)
     client.zero()
     client.receive([record(2 + k, 707 + 7 * k, counts=(10 + k, 0, 0, 0, 0, 0)) for k in range(4)], T0)
-    told = events(client)
-    assert [type(event) for event in told] == [WrenchFrame, WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
-    assert told[-1].values == (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    reports = events(client)
+    assert [type(event) for event in reports] == [WrenchFrame, WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
+    assert reports[-1].values == (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert client.data_to_send(T0) == []
 
 
-def test_a_stop_is_repeated_while_records_come() -> None:
+def test_stop_is_repeated_while_records_arrive() -> None:
     client = streaming()
     client.stop()
     client.stop()
@@ -305,7 +305,7 @@ def test_a_stop_is_repeated_while_records_come() -> None:
     assert events(client) == [SensorStopped()]
 
 
-def test_a_client_that_never_began_stops_at_once() -> None:
+def test_client_that_never_started_stops_at_once() -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     client.stop()
     assert events(client) == [SensorStopped()]

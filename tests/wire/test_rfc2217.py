@@ -1,4 +1,4 @@
-"""RFC 2217: bytes from the standards, any split, garbage, and client and server against each other and alone."""
+"""RFC 2217: bytes from the standards, any split, garbage, and client and server together and alone."""
 
 import re
 from collections.abc import Iterable
@@ -49,14 +49,14 @@ def drained(endpoint: Any) -> list[Any]:
 
 
 def joined(events: Iterable[Any]) -> list[Any]:
-    """Payload that came in pieces as one."""
-    whole: list[Any] = []
+    """Return payload that arrived in pieces as one."""
+    complete: list[Any] = []
     for event in events:
-        if isinstance(event, Payload | SerialData) and whole and type(whole[-1]) is type(event):
-            whole[-1] = type(event)(whole[-1].data + event.data)
+        if isinstance(event, Payload | SerialData) and complete and type(complete[-1]) is type(event):
+            complete[-1] = type(event)(complete[-1].data + event.data)
         else:
-            whole.append(event)
-    return whole
+            complete.append(event)
+    return complete
 
 
 # --- bytes
@@ -95,8 +95,8 @@ def test_golden_negotiation() -> None:
 
 
 def test_signature_is_a_text_of_any_length() -> None:
-    said = encode_command(Command.SIGNATURE, b"hil\xff", server=True)
-    assert said == b"\xff\xfa\x2c\x64hil\xff\xff\xff\xf0"
+    data = encode_command(Command.SIGNATURE, b"hil\xff", server=True)
+    assert data == b"\xff\xfa\x2c\x64hil\xff\xff\xff\xf0"
     assert decode_command(b"\x64hil\xff", server=True) == (Command.SIGNATURE, 0)
     assert encode_command(Command.SIGNATURE) == b"\xff\xfa\x2c\x00\xff\xf0"
 
@@ -123,7 +123,7 @@ def test_payload_round_trips_in_any_split(pieces: list[bytes]) -> None:
     assert read == b"".join(pieces)
 
 
-SAID = (
+ENCODED = (
     b"one\xff\xfftwo"
     + negotiation(Verb.DONT, 44)
     + b"\xff\xf1three\xff\xf9"
@@ -131,7 +131,7 @@ SAID = (
     + subnegotiation(24, b"")
     + b"\xff\xff"
 )
-MEANT = [
+EXPECTED_EVENTS = [
     Payload(b"one\xfftwo"),
     Negotiation(Verb.DONT, 44),
     Payload(b"three"),
@@ -141,33 +141,33 @@ MEANT = [
 ]
 
 
-@given(st.sets(st.integers(0, len(SAID)), max_size=8))
+@given(st.sets(st.integers(0, len(ENCODED)), max_size=8))
 def test_any_split_gives_the_same_events(cuts: set[int]) -> None:
     reader, events, at = TelnetReader(), [], 0
-    for cut in (*sorted(cuts), len(SAID)):
-        events += reader.receive(SAID[at:cut])
+    for cut in (*sorted(cuts), len(ENCODED)):
+        events += reader.receive(ENCODED[at:cut])
         at = cut
-    assert joined(events) == MEANT
+    assert joined(events) == EXPECTED_EVENTS
 
 
 @pytest.mark.parametrize(
-    ("garbage", "says"),
+    ("garbage", "message"),
     [
-        (b"\xff\x05", "05h, which is no command"),
-        (b"\xff\xfa\xff\xf0", "names no option"),
+        (b"\xff\x05", "05h, which is not a command"),
+        (b"\xff\xfa\xff\xf0", "without an option"),
         (b"\xff\xfa\x2c" + bytes(300) + b"\xff\xff\xff\xf0", "longer than 256 bytes"),
-        (b"\xff\xfa\x2c\x01\xff\xf1", "has no end"),
-        (b"\xff\xfa\x2c\x01\xff\x05", "has no end"),
+        (b"\xff\xfa\x2c\x01\xff\xf1", "is not terminated"),
+        (b"\xff\xfa\x2c\x01\xff\x05", "is not terminated"),
     ],
 )
-def test_garbage_is_told_and_what_follows_is_read(garbage: bytes, says: str) -> None:
+def test_garbage_is_reported_and_reading_continues(garbage: bytes, message: str) -> None:
     (bad, good) = TelnetReader().receive(garbage + b"good")
     assert isinstance(bad, Garbled)
-    assert says in bad.text
+    assert message in bad.text
     assert good == Payload(b"good")
 
 
-def test_a_command_ends_a_subnegotiation_whose_end_was_lost() -> None:
+def test_command_ends_an_unterminated_subnegotiation() -> None:
     events = TelnetReader().receive(b"\xff\xfa\x2c\x01" + negotiation(Verb.DO, 44) + b"\xff\xfa\x2c\x02")
     assert [type(event) for event in events] == [Garbled, Negotiation]
     reader = TelnetReader()
@@ -177,7 +177,7 @@ def test_a_command_ends_a_subnegotiation_whose_end_was_lost() -> None:
 
 @given(st.binary(max_size=300))
 @settings(max_examples=200, deadline=None)
-def test_arbitrary_bytes_raise_nothing(data: bytes) -> None:
+def test_arbitrary_bytes_never_raise(data: bytes) -> None:
     for endpoint in (ComPortClient(EVEN, 0.0), ComPortServer(EVEN)):
         endpoint.receive(data, 0.0)
         drained(endpoint)
@@ -185,30 +185,30 @@ def test_arbitrary_bytes_raise_nothing(data: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "says"),
+    ("data", "message"),
     [
-        (b"", "no code"),
-        (b"\x0d", "no com port command 13"),
-        (b"\x01\x00", "SET_BAUDRATE came with 1 bytes, not 4"),
-        (b"\x08\x00", "FLOWCONTROL_SUSPEND came with 1 bytes, not 0"),
-        (b"\x65\x00\x00\x00\x00", "no com port command 101"),
+        (b"", "without a code"),
+        (b"\x0d", "unknown com port command 13"),
+        (b"\x01\x00", "SET_BAUDRATE received with 1 bytes instead of 4"),
+        (b"\x08\x00", "FLOWCONTROL_SUSPEND received with 1 bytes instead of 0"),
+        (b"\x65\x00\x00\x00\x00", "unknown com port command 101"),
     ],
 )
-def test_a_command_that_is_none_is_the_other_sides_fault(data: bytes, says: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=says):
+def test_invalid_command_is_a_remote_error(data: bytes, message: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=message):
         decode_command(data, server=False)
 
 
 @pytest.mark.parametrize(
-    ("command", "value", "says"),
+    ("command", "value", "message"),
     [
         (Command.SET_PARITY, 256, "cannot carry 256"),
         (Command.SET_BAUDRATE, -1, "cannot carry -1"),
         (Command.SET_BAUDRATE, b"\x00", "needs a value of 4 bytes"),
     ],
 )
-def test_a_value_that_does_not_fit_is_our_fault(command: Command, value: int | bytes, says: str) -> None:
-    with pytest.raises(LocalProtocolError, match=says):
+def test_oversized_value_is_a_local_error(command: Command, value: int | bytes, message: str) -> None:
+    with pytest.raises(LocalProtocolError, match=message):
         encode_command(command, value)
 
 
@@ -216,7 +216,7 @@ def test_a_value_that_does_not_fit_is_our_fault(command: Command, value: int | b
 
 
 def settle(client: ComPortClient, server: ComPortServer) -> None:
-    """Carry what both say until neither has more to say; two that answer each other for ever fail."""
+    """Carry data until both sides are silent; two that answer each other endlessly fail."""
     for _ in range(20):
         to_server, to_client = client.data_to_send(0.0), server.data_to_send(0.0)
         if not to_server and not to_client:
@@ -234,18 +234,18 @@ def connected(settings: PortSettings = EVEN) -> tuple[ComPortClient, ComPortServ
 
 @given(st.integers(1, 2**32 - 1), st.sampled_from((ComParity.NONE, ComParity.ODD, ComParity.EVEN)))
 @settings(max_examples=30)
-def test_a_client_sets_the_port_and_is_ready(baudrate: int, parity: ComParity) -> None:
-    wanted = PortSettings(baudrate, parity, StopSize.TWO)
-    client, server = connected(wanted)
+def test_client_sets_the_port_and_is_ready(baudrate: int, parity: ComParity) -> None:
+    port_settings = PortSettings(baudrate, parity, StopSize.TWO)
+    client, server = connected(port_settings)
     assert drained(client) == [PortReady()]
     assert client.next_deadline() is None
-    assert server.settings == wanted
+    assert server.settings == port_settings
     assert all(isinstance(event, SettingsChanged) for event in drained(server))
     assert server.next_deadline() is None
     server.handle_deadline(1.0)
 
 
-def test_payload_passes_both_ways_whatever_it_is() -> None:
+def test_payload_passes_unchanged_in_both_directions() -> None:
     client, server = connected()
     drained(client), drained(server)
     client.send(bytes(range(256)) + b"\xff")
@@ -255,8 +255,8 @@ def test_payload_passes_both_ways_whatever_it_is() -> None:
     assert joined(drained(client)) == [SerialData(b"\xff\xfa" + bytes(range(256)))]
 
 
-def test_what_a_port_cannot_do_is_one_clear_line() -> None:
-    for wanted, says in (
+def test_unsupported_port_setting_is_one_clear_line() -> None:
+    for port_settings, message in (
         (
             PortSettings(9600, ComParity.MARK),
             "SET_PARITY with 1, not 4; allow 9600 baud, 8 data bits, parity mark",
@@ -267,16 +267,16 @@ def test_what_a_port_cannot_do_is_one_clear_line() -> None:
         ),
         (PortSettings(9600, data_size=7), "SET_DATASIZE with 8, not 7"),
     ):
-        client, server = connected(wanted)
+        client, server = connected(port_settings)
         (failed,) = drained(client)
         assert isinstance(failed, PortFailed)
-        assert re.search(says, failed.text)
+        assert re.search(message, failed.text)
         assert server.settings.data_size == 8
         with pytest.raises(LocalProtocolError, match="not ready"):
             client.send(b"x")
 
 
-def test_a_port_that_is_set_otherwise_later_has_failed() -> None:
+def test_port_changed_later_has_failed() -> None:
     client, _ = connected()
     drained(client)
     client.receive(encode_command(Command.SET_BAUDRATE, 9600, server=True), 1.0)
@@ -289,15 +289,13 @@ def test_a_port_that_is_set_otherwise_later_has_failed() -> None:
     assert "SET_BAUDRATE with 300, not 9600" in failed.text
 
 
-def test_a_server_that_is_silent_or_does_not_confirm_is_given_up() -> None:
+def test_silent_or_unconfirming_server_times_out() -> None:
     client = ComPortClient(EVEN, 5.0, patience_s=2.0)
     assert client.next_deadline() == 7.0
     client.handle_deadline(6.9)
     assert drained(client) == []
     client.handle_deadline(7.0)
-    assert drained(client) == [
-        PortFailed("the server does not answer in Telnet; a raw port is reached as tcp://")
-    ]
+    assert drained(client) == [PortFailed("the server does not respond in Telnet; use tcp:// for a raw port")]
     client.handle_deadline(8.0)
     assert drained(client) == []
 
@@ -307,16 +305,14 @@ def test_a_server_that_is_silent_or_does_not_confirm_is_given_up() -> None:
         client.receive(encode_command(command, value, server=True), 5.2)
     client.handle_deadline(7.0)
     (failed,) = drained(client)
-    assert failed == PortFailed(
-        "the server does not confirm SET_STOPSIZE; look at its own settings for this port"
-    )
+    assert failed == PortFailed("the server does not confirm SET_STOPSIZE; check its settings for this port")
 
 
-def test_a_server_without_the_option_is_given_up_at_once() -> None:
+def test_server_without_the_option_fails_at_once() -> None:
     client = ComPortClient(EVEN, 0.0)
     client.receive(negotiation(Verb.DONT, Option.COM_PORT), 0.1)
     assert drained(client) == [
-        PortFailed("the server has no com port control; a raw port is reached as tcp://")
+        PortFailed("the server does not support com port control; use tcp:// for a raw port")
     ]
     # later bytes from it change nothing
     client.receive(negotiation(Verb.DONT, Option.COM_PORT), 0.2)
@@ -325,7 +321,7 @@ def test_a_server_without_the_option_is_given_up_at_once() -> None:
     assert drained(client) == []
 
 
-def test_line_errors_are_told_to_a_client_that_wants_them() -> None:
+def test_line_errors_are_reported_to_a_subscribed_client() -> None:
     client, server = connected()
     drained(client)
     server.notify(LineState.FRAMING | LineState.BREAK)
@@ -338,7 +334,7 @@ def test_line_errors_are_told_to_a_client_that_wants_them() -> None:
     assert silent.data_to_send(0.0) == b""
 
 
-def test_a_break_is_begun_and_ended_once() -> None:
+def test_break_is_begun_and_ended_once() -> None:
     client, server = connected()
     drained(server)
     for on in (True, True, False):
@@ -369,21 +365,21 @@ def test_a_break_is_begun_and_ended_once() -> None:
         (Command.PURGE_DATA, 3, 3),
     ],
 )
-def test_a_server_answers_every_command(command: Command, value: int, answer: int) -> None:
+def test_server_answers_every_command(command: Command, value: int, answer: int) -> None:
     server = ComPortServer(PortSettings(300))
     server.receive(encode_command(command, value), 0.0)
     assert server.data_to_send(0.0) == encode_command(command, answer, server=True)
     assert drained(server) == []
 
 
-def test_a_switch_is_remembered() -> None:
+def test_switch_is_remembered() -> None:
     server = ComPortServer(EVEN)
     for value in (9, 7):
         server.receive(encode_command(Command.SET_CONTROL, value), 0.0)
     assert server.data_to_send(0.0) == 2 * encode_command(Command.SET_CONTROL, 9, server=True)
 
 
-def test_a_server_says_who_it_is_and_refuses_what_it_does_not_know() -> None:
+def test_server_identifies_itself_and_refuses_unknown_commands() -> None:
     server = ComPortServer(EVEN)
     assert server.data_to_send(0.0) == b""
     server.receive(encode_command(Command.SIGNATURE), 0.0)
@@ -400,13 +396,13 @@ def test_a_server_says_who_it_is_and_refuses_what_it_does_not_know() -> None:
     server.receive(subnegotiation(24, b"xterm") + subnegotiation(44, b"\x63"), 0.0)
     assert drained(server) == [
         Malformed("option 24 is not in use"),
-        Malformed("there is no com port command 99"),
+        Malformed("unknown com port command 99"),
     ]
     server.receive(b"\xff\x01", 0.0)
-    assert drained(server) == [Malformed("FFh was followed by 01h, which is no command")]
+    assert drained(server) == [Malformed("FFh was followed by 01h, which is not a command")]
 
 
-def test_who_asks_for_silence_gets_it_and_nothing_is_lost() -> None:
+def test_suspended_transmission_loses_nothing() -> None:
     client, server = connected()
     drained(client)
     server.receive(encode_command(Command.FLOWCONTROL_SUSPEND), 0.0)
@@ -425,7 +421,7 @@ def test_silence_is_bounded() -> None:
     for _ in range(200):
         server.receive(encode_command(Command.SIGNATURE) * 200, 0.0)
     server.send(bytes(60_000))
-    with pytest.raises(LocalProtocolError, match="more than 65536 bytes wait"):
+    with pytest.raises(LocalProtocolError, match="more than 65536 bytes are queued"):
         server.send(bytes(60_000))
     server.receive(encode_command(Command.FLOWCONTROL_RESUME), 0.0)
     assert len(server.data_to_send(0.0)) <= 2 * 65536

@@ -1,4 +1,4 @@
-"""The client of RSI: one answer a telegram, increments that count once, limits, sessions, and a robot that refuses."""
+"""RSI client: one answer per telegram, increments that count once, limits, sessions, and a robot that refuses."""
 
 import math
 from collections.abc import Sequence
@@ -44,14 +44,14 @@ def telegram(
     )
 
 
-def moved(z_mm: float, x_mm: float = 0.0) -> Pose:
+def pose_at(z_mm: float, x_mm: float = 0.0) -> Pose:
     (x, y, z), quaternion = START
     return Pose((x + x_mm * 1e-3, y, z + z_mm * 1e-3), quaternion)
 
 
 @dataclass
 class Driver:
-    """A client, and the calls that its user makes."""
+    """A client, and the calls of its user."""
 
     link: RsiLink = field(default_factory=RsiLink)
     now: float = 1000.0
@@ -63,7 +63,7 @@ class Driver:
         self.lost: list[str] = []
 
     def give(self, *raw: bytes, to: Pose | None = None, after: float = 0.004) -> list[Telegram]:
-        """The answers to some telegrams that come together."""
+        """Return the answers to some telegrams that arrive together."""
         self.now += after
         client = self.client
         client.receive(list(raw), self.now)
@@ -83,11 +83,11 @@ class Driver:
         return [decode(answer) for answer in client.data_to_send(self.now)]
 
     def value(self, *raw: bytes, to: Pose | None = None) -> list[float]:
-        """The correction of the one answer."""
+        """Return the correction in the only answer."""
         (answer,) = self.give(*raw, to=to)
-        found = numbers(answer.values, TAGS)
-        assert found is not None
-        return found
+        correction = numbers(answer.values, TAGS)
+        assert correction is not None
+        return correction
 
 
 def relative(**settings: float) -> Driver:
@@ -101,12 +101,12 @@ def absolute(**settings: float) -> Driver:
 # --- answers
 
 
-def test_the_specifications_exchange_to_the_byte() -> None:
+def test_specifications_exchange_to_the_byte() -> None:
     driver = relative()
     driver.client.receive([telegram(123456)], driver.now)
     assert isinstance(driver.client.next_event(), ReportReceived)
     driver.client.begin(START)
-    driver.client.target(moved(-0.02), driver.now)
+    driver.client.target(pose_at(-0.02), driver.now)
     assert driver.client.data_to_send(driver.now) == [
         b'<Sen Type="ImFree"><RKorr X="0.000000" Y="0.000000" Z="-0.020000" A="0.000000" B="0.000000" '
         b'C="0.000000"/><IPOC>123456</IPOC></Sen>'
@@ -124,29 +124,29 @@ def test_the_specifications_exchange_to_the_byte() -> None:
     driver.client.handle_deadline(driver.now)
 
 
-def test_relative_answers_carry_changes_and_absolute_ones_the_whole() -> None:
+def test_relative_answers_carry_changes_and_absolute_ones_totals() -> None:
     for driver, expected in ((relative(), [-0.1, -0.2, 0.0]), (absolute(), [-0.1, -0.3, -0.3])):
         driver.give(telegram(0))
         driver.client.begin(START)
-        seen = [driver.value(telegram(4), to=moved(-0.1))[2]]
-        seen.append(driver.value(telegram(8), to=moved(-0.3))[2])
+        values = [driver.value(telegram(4), to=pose_at(-0.1))[2]]
+        values.append(driver.value(telegram(8), to=pose_at(-0.3))[2])
         driver.client.end()
-        seen.append(driver.value(telegram(12))[2])
-        assert seen == pytest.approx(expected)
+        values.append(driver.value(telegram(12))[2])
+        assert values == pytest.approx(expected)
 
 
-def test_a_second_movement_goes_on_from_the_correction_of_the_first() -> None:
+def test_second_movement_continues_from_the_first_correction() -> None:
     driver = absolute()
     driver.give(telegram(0))
     driver.client.begin(START)
-    driver.give(telegram(4), to=moved(-0.3))
+    driver.give(telegram(4), to=pose_at(-0.3))
     driver.client.end()
-    driver.client.begin(moved(-0.29))  # as the robot has come to it
-    assert driver.value(telegram(8), to=moved(-0.29))[2] == pytest.approx(-0.3)
-    assert driver.value(telegram(12), to=moved(-0.39))[2] == pytest.approx(-0.4)
+    driver.client.begin(pose_at(-0.29))  # as the robot has come to it
+    assert driver.value(telegram(8), to=pose_at(-0.29))[2] == pytest.approx(-0.3)
+    assert driver.value(telegram(12), to=pose_at(-0.39))[2] == pytest.approx(-0.4)
 
 
-def test_a_turn_is_told_in_angles_about_the_base() -> None:
+def test_rotation_is_sent_as_angles_about_the_base() -> None:
     driver = absolute(fastest_deg_s=1e6)
     driver.give(telegram(0))
     driver.client.begin(START)
@@ -156,7 +156,7 @@ def test_a_turn_is_told_in_angles_about_the_base() -> None:
     assert driver.value(telegram(8), to=further)[3:] == pytest.approx([4.0, -2.0, 1.0], abs=1e-5)
 
 
-def test_relative_turns_add_up_to_the_whole_turn() -> None:
+def test_relative_rotations_add_up_to_the_total() -> None:
     driver = relative()
     driver.give(telegram(0))
     driver.client.begin(START)
@@ -172,116 +172,116 @@ def test_only_the_newest_of_queued_telegrams_is_answered() -> None:
     driver = relative()
     driver.give(telegram(0))
     driver.client.begin(START)
-    answers = driver.give(telegram(4), telegram(8), telegram(12), to=moved(-0.1))
+    answers = driver.give(telegram(4), telegram(8), telegram(12), to=pose_at(-0.1))
     assert [answer.ipoc for answer in answers] == [12]
     assert answers[0].values["RKorr.Z"] == "-0.100000"
     assert [report.sequence for report in driver.reports] == [1, 2, 3, 4]
 
 
-def test_a_telegram_that_comes_twice_or_late_moves_nothing_twice() -> None:
+def test_repeated_or_late_telegram_moves_nothing_twice() -> None:
     driver = relative()
     driver.give(telegram(0))
     driver.client.begin(START)
-    assert len(driver.give(telegram(4), telegram(4), to=moved(-0.1))) == 1
-    assert driver.give(telegram(4), to=moved(-0.2)) == []
-    assert len(driver.give(telegram(12), to=moved(-0.2))) == 1
-    assert driver.give(telegram(8), to=moved(-0.3)) == []
+    assert len(driver.give(telegram(4), telegram(4), to=pose_at(-0.1))) == 1
+    assert driver.give(telegram(4), to=pose_at(-0.2)) == []
+    assert len(driver.give(telegram(12), to=pose_at(-0.2))) == 1
+    assert driver.give(telegram(8), to=pose_at(-0.3)) == []
     assert [report.sequence for report in driver.reports] == [1, 2, 2, 2, 4, 3]
 
 
 # --- answers that were lost
 
 
-def test_an_answer_that_was_not_taken_is_made_good_by_the_next() -> None:
+def test_unaccepted_answer_is_compensated_by_the_next() -> None:
     driver = relative()
     driver.give(telegram(0))
     driver.client.begin(START)
-    assert driver.value(telegram(4), to=moved(-0.1))[2] == pytest.approx(-0.1)
+    assert driver.value(telegram(4), to=pose_at(-0.1))[2] == pytest.approx(-0.1)
     # its own way, and 10 mm/s of the one that was lost
-    assert driver.value(telegram(8, late=1), to=moved(-0.2))[2] == pytest.approx(-0.14)
-    assert driver.value(telegram(12, late=1), to=moved(-0.2))[2] == pytest.approx(-0.04)
-    assert driver.value(telegram(16, late=1), to=moved(-0.2))[2] == pytest.approx(-0.02)
-    assert driver.value(telegram(20, late=1), to=moved(-0.2))[2] == 0.0
+    assert driver.value(telegram(8, late=1), to=pose_at(-0.2))[2] == pytest.approx(-0.14)
+    assert driver.value(telegram(12, late=1), to=pose_at(-0.2))[2] == pytest.approx(-0.04)
+    assert driver.value(telegram(16, late=1), to=pose_at(-0.2))[2] == pytest.approx(-0.02)
+    assert driver.value(telegram(20, late=1), to=pose_at(-0.2))[2] == 0.0
 
 
-def test_telegrams_that_were_lost_say_nothing_of_the_answer_before() -> None:
+def test_lost_telegrams_leave_the_previous_answer_open() -> None:
     driver = relative()
     driver.give(telegram(0))
     driver.client.begin(START)
-    driver.give(telegram(4), to=moved(-0.1))
+    driver.give(telegram(4), to=pose_at(-0.1))
     # two telegrams did not come, and counted as late: the answer to 4 was taken
-    assert driver.value(telegram(16, late=2), to=moved(-0.2))[2] == pytest.approx(-0.1)
+    assert driver.value(telegram(16, late=2), to=pose_at(-0.2))[2] == pytest.approx(-0.1)
     # one did not come, and the answer to 16 was late, too
-    assert driver.value(telegram(24, late=4), to=moved(-0.3))[2] == pytest.approx(-0.14)
+    assert driver.value(telegram(24, late=4), to=pose_at(-0.3))[2] == pytest.approx(-0.14)
 
 
-def test_a_robot_that_takes_no_answers_is_taken_for_faulty_and_told_nothing_new() -> None:
+def test_robot_accepting_no_answers_becomes_faulty() -> None:
     driver = relative(late_max=3)
     driver.give(telegram(0))
     driver.client.begin(START)
     for late in range(4):
-        found = driver.value(telegram(4 + 4 * late, late=late), to=moved(-0.1))
-    assert found == [0.0] * 6
-    assert "not taken 3 answers in a row (late so far: 3)" in driver.reports[-1].fault
+        correction = driver.value(telegram(4 + 4 * late, late=late), to=pose_at(-0.1))
+    assert correction == [0.0] * 6
+    assert "not accepted 3 answers in a row (late so far: 3)" in driver.reports[-1].fault
     # it takes answers again, and what was lost is given up with this movement
-    assert driver.value(telegram(20, late=3), to=moved(-0.1)) == [0.0] * 6
+    assert driver.value(telegram(20, late=3), to=pose_at(-0.1)) == [0.0] * 6
     assert driver.reports[-1].fault == ""
     driver.client.end()
     driver.client.begin(START)
-    assert driver.value(telegram(24, late=3), to=moved(-0.1))[2] == pytest.approx(-0.1)
+    assert driver.value(telegram(24, late=3), to=pose_at(-0.1))[2] == pytest.approx(-0.1)
 
 
-def test_without_a_count_of_late_answers_each_is_taken_for_taken() -> None:
+def test_without_a_late_count_each_answer_counts_as_accepted() -> None:
     driver = relative()
     driver.give(telegram(0, late=None))
     driver.client.begin(START)
-    driver.give(telegram(4, late=None), to=moved(-0.1))
-    assert driver.value(telegram(8, late=None), to=moved(-0.1)) == [0.0] * 6
+    driver.give(telegram(4, late=None), to=pose_at(-0.1))
+    assert driver.value(telegram(8, late=None), to=pose_at(-0.1)) == [0.0] * 6
 
 
 # --- limits
 
 
-def test_a_correction_grows_no_faster_than_its_limit() -> None:
+def test_correction_grows_no_faster_than_its_limit() -> None:
     driver = relative(fastest_mm_s=25.0, catch_up_mm_s=1e3)
     driver.give(telegram(0))
     driver.client.begin(START)
-    steps = [driver.value(telegram(4 * k), to=moved(-0.25))[2] for k in range(1, 5)]
+    steps = [driver.value(telegram(4 * k), to=pose_at(-0.25))[2] for k in range(1, 5)]
     assert steps == pytest.approx([-0.1, -0.1, -0.05, 0.0])
 
 
-def test_a_correction_stays_within_its_limit_and_that_is_told_once() -> None:
+def test_correction_is_limited_and_the_limit_is_reported_once() -> None:
     driver = relative(limit_mm=0.5)
     driver.give(telegram(0))
     driver.client.begin(START)
-    total = sum(driver.value(telegram(4 * k), to=moved(-0.3 * k))[2] for k in range(1, 6))
+    total = sum(driver.value(telegram(4 * k), to=pose_at(-0.3 * k))[2] for k in range(1, 6))
     assert total == pytest.approx(-0.5)
     assert [notice.split(";")[0] for notice in driver.notices] == [
         "the correction stays within 0.5 mm and 20° of the robot's program"
     ]
-    assert driver.value(telegram(24), to=moved(-0.4))[2] == pytest.approx(0.1)
+    assert driver.value(telegram(24), to=pose_at(-0.4))[2] == pytest.approx(0.1)
 
 
 # --- sessions and states
 
 
-def test_a_program_that_begins_anew_ends_the_movement() -> None:
-    elsewhere: dict[str, Any] = {"late": 0, "planned": moved(-3.0), "pose": moved(-3.0)}
+def test_restarted_program_ends_the_movement() -> None:
+    elsewhere: dict[str, Any] = {"late": 0, "planned": pose_at(-3.0), "pose": pose_at(-3.0)}
     cases: dict[str, list[bytes]] = {
         "clock": [telegram(500_000 + 4 * k, **elsewhere) for k in range(5)],
         "clock backwards": [telegram(10 + 4 * k, **elsewhere) for k in range(5)],
         "late answers": [telegram(100_008, late=0)],
-        "set position": [telegram(100_008, late=2, planned=moved(-3.0), pose=moved(-3.0))],
+        "set position": [telegram(100_008, late=2, planned=pose_at(-3.0), pose=pose_at(-3.0))],
     }
     for *strays, raw in cases.values():
         driver = absolute()
         driver.give(telegram(100_000, late=2))
         driver.client.begin(START)
-        driver.give(telegram(100_004, late=2), to=moved(-0.2))
-        assert not any(driver.give(stray, to=moved(-0.3)) for stray in strays)
-        (answer,) = driver.give(raw, to=moved(-0.3))
+        driver.give(telegram(100_004, late=2), to=pose_at(-0.2))
+        assert not any(driver.give(stray, to=pose_at(-0.3)) for stray in strays)
+        (answer,) = driver.give(raw, to=pose_at(-0.3))
         assert driver.lost == [
-            "its program has restarted, or moves by itself: the correction of before no longer holds"
+            "its program restarted, or moves by itself: the previous correction is no longer valid"
         ]
         assert set(numbers(answer.values, TAGS) or ()) == {0.0}
         assert driver.reports[-1].sequence == 3
@@ -292,39 +292,39 @@ def test_client_one_stray_clock_is_not_answered(clock: int) -> None:
     driver = absolute()
     driver.give(telegram(100_000))
     driver.client.begin(START)
-    driver.value(telegram(100_004), to=moved(-0.2))
-    assert driver.give(telegram(clock), to=moved(-0.3)) == []
-    (answer,) = driver.give(telegram(100_012, pose=moved(-0.2)), to=moved(-0.3))
+    driver.value(telegram(100_004), to=pose_at(-0.2))
+    assert driver.give(telegram(clock), to=pose_at(-0.3)) == []
+    (answer,) = driver.give(telegram(100_012, pose=pose_at(-0.2)), to=pose_at(-0.3))
     assert (answer.ipoc, driver.lost) == (100_012, [])
     assert not any(report.fault for report in driver.reports)
 
 
 @pytest.mark.parametrize("clock", [10, 99_500, 500_000])
-def test_client_clock_that_jumps_is_a_fault_once(clock: int) -> None:
+def test_client_clock_jump_is_a_fault_once(clock: int) -> None:
     driver = absolute()
     driver.give(telegram(100_000))
     driver.client.begin(START)
-    driver.value(telegram(100_004), to=moved(-0.2))
+    driver.value(telegram(100_004), to=pose_at(-0.2))
     for k in range(4):
-        assert driver.give(telegram(clock + 4 * k, pose=moved(-0.2)), to=moved(-0.2)) == []
-    driver.value(telegram(clock + 16, pose=moved(-0.2)), to=moved(-0.2))
+        assert driver.give(telegram(clock + 4 * k, pose=pose_at(-0.2)), to=pose_at(-0.2)) == []
+    driver.value(telegram(clock + 16, pose=pose_at(-0.2)), to=pose_at(-0.2))
     assert driver.reports[-1].fault == "its clock jumped"
-    (answer,) = driver.give(telegram(clock + 20, pose=moved(-0.2)), to=moved(0.0))
+    (answer,) = driver.give(telegram(clock + 20, pose=pose_at(-0.2)), to=pose_at(0.0))
     assert (answer.ipoc, driver.reports[-1].fault, driver.lost) == (clock + 20, "", [])
     assert numbers(answer.values, TAGS) == pytest.approx([0.0] * 6, abs=0.2)
 
 
-def test_a_silent_robot_is_asked_for_its_correction() -> None:
+def test_silent_robot_resumes_with_its_reported_correction() -> None:
     driver = absolute()
     driver.give(telegram(0))
     driver.client.begin(START)
-    driver.give(telegram(4), to=moved(-0.5))
-    (answer,) = driver.give(telegram(404, pose=moved(-0.5)), to=moved(-0.6), after=1.5)
-    assert driver.lost == ["it sent nothing for 1 s: the correction of before no longer holds"]
+    driver.give(telegram(4), to=pose_at(-0.5))
+    (answer,) = driver.give(telegram(404, pose=pose_at(-0.5)), to=pose_at(-0.6), after=1.5)
+    assert driver.lost == ["it sent nothing for 1 s: the previous correction is no longer valid"]
     assert numbers(answer.values, TAGS) == pytest.approx([0.0, 0.0, -0.5, 0.0, 0.0, 0.0], abs=1e-9)
 
 
-def test_a_program_that_does_not_run_is_a_fault() -> None:
+def test_stopped_program_is_a_fault() -> None:
     driver = relative()
     driver.give(telegram(0, ProgStatus_R="3"))
     assert driver.reports[-1].fault == ""
@@ -332,30 +332,32 @@ def test_a_program_that_does_not_run_is_a_fault() -> None:
     assert driver.reports[-1].fault.startswith("its program does not run (ProgStatus 4)")
 
 
-def test_a_robot_that_does_not_come_along_is_told_once_in_a_movement() -> None:
+def test_robot_not_following_is_reported_once_per_movement() -> None:
     driver = absolute()
     driver.give(telegram(0))
     driver.client.begin(START)
     for number in range(1, 400):
-        driver.give(telegram(4 * number), to=moved(-0.02 * number))  # it does not move
+        driver.give(telegram(4 * number), to=pose_at(-0.02 * number))  # it does not move
     (notice,) = driver.notices
-    assert notice.startswith("the robot is 1.0 mm beside its correction")
+    assert notice.startswith("the robot is 1.0 mm away from its correction")
     # the next movement continues from where it is
     driver.client.end()
     driver.client.begin(START)
-    assert driver.value(telegram(1600), to=moved(-0.1))[2] == pytest.approx(-0.1)
+    assert driver.value(telegram(1600), to=pose_at(-0.1))[2] == pytest.approx(-0.1)
 
 
-def test_a_robot_that_lags_comes_along() -> None:
+def test_lagging_robot_follows() -> None:
     driver = relative()
     driver.give(telegram(0))
     driver.client.begin(START)
     for number in range(1, 400):
-        driver.give(telegram(4 * number, pose=moved(min(0.0, 0.4 * (40 - number)))), to=moved(-0.4 * number))
+        driver.give(
+            telegram(4 * number, pose=pose_at(min(0.0, 0.4 * (40 - number)))), to=pose_at(-0.4 * number)
+        )
     assert driver.notices == []
 
 
-def test_a_position_that_is_none_is_told_and_answered() -> None:
+def test_invalid_position_is_reported_and_answered() -> None:
     driver = relative()
     driver.give(telegram(0))
     raw = telegram(4).replace(b'<RIst X="600.0000"', b'<RIst X="NaN"')
@@ -363,17 +365,17 @@ def test_a_position_that_is_none_is_told_and_answered() -> None:
     assert math.isnan(driver.reports[-1].pose.position[0])
 
 
-def test_telegrams_that_are_not_understood_are_told_once_in_a_row() -> None:
+def test_consecutive_invalid_telegrams_are_reported_once() -> None:
     driver = relative()
     empty = b'<Rob Type="KUKA"><IPOC>4</IPOC></Rob>'
-    foreign = b'<Sen Type="ImFree"><IPOC>4</IPOC></Sen>'
+    other = b'<Sen Type="ImFree"><IPOC>4</IPOC></Sen>'
     late = telegram(4).replace(b'D="0"', b'D="x"')
-    assert driver.give(empty, foreign, late, telegram(0)[:-4]) == []
+    assert driver.give(empty, other, late, telegram(0)[:-4]) == []
     assert driver.give(telegram(8)) != []
-    assert driver.give(foreign) == []
+    assert driver.give(other) == []
     assert [notice.partition(": ")[2] for notice in driver.notices] == [
-        "it has no RIst; enter DEF_RIst into the controller's Ethernet configuration",
-        "it is a Sen telegram, not one of a robot",
+        "it has no RIst; add DEF_RIst to the controller's Ethernet configuration",
+        "it is a Sen telegram, not one from a robot",
     ]
     assert len(driver.reports) == 1
 
@@ -393,7 +395,7 @@ def test_telegrams_that_are_not_understood_are_told_once_in_a_row() -> None:
 def test_no_course_of_telegrams_makes_a_step_beyond_the_limits(
     mode: str, course: Sequence[tuple[int, int, float, bool]]
 ) -> None:
-    """Clocks that jump, late counts that grow, targets anywhere: each answer is one of a bounded step."""
+    """Clocks that jump, late counts that grow, any targets: each answer contains one bounded step."""
     driver = Driver(RsiLink(mode=mode, limit_mm=1.0))  # type: ignore[arg-type]
     driver.give(telegram(10_000))
     driver.client.begin(START)
@@ -403,7 +405,7 @@ def test_no_course_of_telegrams_makes_a_step_beyond_the_limits(
         clock, late = max(0, clock + passed), late + more
         if driver.lost:
             break
-        answers = driver.give(telegram(clock, late=late), to=moved(target) if moving else None)
+        answers = driver.give(telegram(clock, late=late), to=pose_at(target) if moving else None)
         if driver.lost:
             break
         assert len(answers) <= 1
@@ -424,5 +426,5 @@ def test_no_bytes_raise(data: list[bytes], at: int, byte: int) -> None:
     driver.client.begin(START)
     spoiled = bytearray(telegram(4))
     spoiled[at % len(spoiled)] = byte
-    for answer in driver.give(*data, bytes(spoiled), to=moved(-0.1)):
+    for answer in driver.give(*data, bytes(spoiled), to=pose_at(-0.1)):
         assert (numbers(answer.values, TAGS) or [])[2] == pytest.approx(-0.1)

@@ -1,4 +1,4 @@
-"""Telegrams of RSI: golden bytes of the specification in both directions, angles, and bytes of any kind."""
+"""Telegrams of RSI: golden bytes of the specification in both directions, angles, and arbitrary bytes."""
 
 import math
 import zlib
@@ -21,7 +21,7 @@ from protocol.devices.rsi import (
     pose_tags,
 )
 from protocol.devices.rsi.angles import nearest, pose_of, values_of
-from protocol.devices.rsi.telegram import LARGEST_BYTES, _parsed
+from protocol.devices.rsi.telegram import LARGEST_BYTES, _parse
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, angles_of, from_angles, inverse, product, rotate
 
@@ -89,7 +89,7 @@ POSE = [*"XYZABC"]
 HERE = (600.0, 0.0, 500.0, 0.0, 0.0, 180.0)
 JOINTS = (0.0, -90.0, 90.0, 0.0, 90.0, 0.0)
 SET = {**group("RSol", POSE, HERE, 4)}
-MEANT = {
+EXPECTED_VALUES = {
     "K1": Telegram(
         ROBOT,
         "KUKA",
@@ -142,18 +142,18 @@ def test_golden_telegrams_are_written_and_read_to_the_byte(name: str) -> None:
     size, check, text = GOLDEN[name]
     raw = text.encode()
     assert (len(raw), zlib.crc32(raw)) == (size, check)
-    assert encode(MEANT[name]) == raw
-    assert decode(raw) == MEANT[name]
-    assert [*decode(raw).values] == [*MEANT[name].values]
+    assert encode(EXPECTED_VALUES[name]) == raw
+    assert decode(raw) == EXPECTED_VALUES[name]
+    assert [*decode(raw).values] == [*EXPECTED_VALUES[name].values]
 
 
-def test_the_root_may_spell_its_attribute_in_capitals() -> None:
-    raw = encode(MEANT["K1"], "TYPE")
+def test_root_may_spell_its_attribute_in_capitals() -> None:
+    raw = encode(EXPECTED_VALUES["K1"], "TYPE")
     assert raw.startswith(b'<Rob TYPE="KUKA"><RIst')
-    assert decode(raw) == MEANT["K1"]
+    assert decode(raw) == EXPECTED_VALUES["K1"]
 
 
-def test_order_white_space_and_text_beside_do_not_matter() -> None:
+def test_element_order_white_space_and_extra_text_are_ignored() -> None:
     raw = b'<Sen Type="ImFree">\n <IPOC> 123456 </IPOC><RKorr Z="-0.02"  X="1" /> <Stop> 1\n</Stop><EStr /></Sen> '
     assert decode(raw) == Telegram(
         SENSOR, "ImFree", {"RKorr.Z": "-0.02", "RKorr.X": "1", "Stop": "1"}, 123456
@@ -161,34 +161,37 @@ def test_order_white_space_and_text_beside_do_not_matter() -> None:
 
 
 @pytest.mark.parametrize(
-    ("raw", "words"),
+    ("raw", "message"),
     [
-        (b"", "no telegram"),
-        (b"<Sen Type='a'><IPOC>1</IPOC>", "no telegram"),
-        (b"<Sen Type='a'><IPOC>1</IPOC></Sen><Sen/>", "no telegram"),
-        (b'<Rob Type="KUKA"><GPIO 01="1"/><IPOC>1</IPOC></Rob>', "no telegram"),
-        (b"\xff\xfe<Sen/>", "no telegram"),
+        (b"", "not a telegram"),
+        (b"<Sen Type='a'><IPOC>1</IPOC>", "not a telegram"),
+        (b"<Sen Type='a'><IPOC>1</IPOC></Sen><Sen/>", "not a telegram"),
+        (b'<Rob Type="KUKA"><GPIO 01="1"/><IPOC>1</IPOC></Rob>', "not a telegram"),
+        (b"\xff\xfe<Sen/>", "not a telegram"),
         (b"<Sen Type='a'/>", "IPOC is ''"),
         (b"<Sen Type='a'><IPOC>-1</IPOC></Sen>", "IPOC is '-1'"),
         (b"<Sen Type='a'><IPOC>1.5</IPOC></Sen>", "IPOC is '1.5'"),
         (b"<Sen Type='a'><IPOC>9223372036854775808</IPOC></Sen>", "IPOC is '9223372036854775808'"),
         (b"<Robot><IPOC>1</IPOC></Robot>", "the root is 'Robot'"),
-        (b"<?xml version='1.0'?><Sen Type='a'><IPOC>1</IPOC></Sen>", "neither a prolog nor a document type"),
-        (b"<!DOCTYPE a [<!ENTITY b 'c'>]><Sen Type='&b;'><IPOC>1</IPOC></Sen>", "nor a document type"),
-        (b"<Sen Type='&b;'><IPOC>1</IPOC></Sen>", "no telegram"),
+        (
+            b"<?xml version='1.0'?><Sen Type='a'><IPOC>1</IPOC></Sen>",
+            "must not have a prolog or a document type",
+        ),
+        (b"<!DOCTYPE a [<!ENTITY b 'c'>]><Sen Type='&b;'><IPOC>1</IPOC></Sen>", "or a document type"),
+        (b"<Sen Type='&b;'><IPOC>1</IPOC></Sen>", "not a telegram"),
         (b"<Sen>" + b" " * LARGEST_BYTES + b"</Sen>", "is longer than 8192"),
-        (b"<a>" * 2000, "no telegram"),
+        (b"<a>" * 2000, "not a telegram"),
     ],
 )
-def test_what_is_no_telegram_is_refused_with_a_reason(raw: bytes, words: str) -> None:
-    with pytest.raises(RemoteProtocolError, match=words):
+def test_invalid_telegram_is_refused_with_a_reason(raw: bytes, message: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=message):
         decode(raw)
 
 
 @pytest.mark.parametrize(
     "text", ["", "NaN", "inf", "-", "1,5", "1_0", "0x1", "1e", "1e10", "1e400", "١", "1" * 65]
 )
-def test_what_is_no_number_is_refused(text: str) -> None:
+def test_invalid_number_is_refused(text: str) -> None:
     with pytest.raises(RemoteProtocolError):
         number(text)
 
@@ -205,7 +208,7 @@ def test_numbers_are_read_as_clients_write_them() -> None:
 
 
 @given(st.binary(max_size=300))
-def test_no_bytes_raise_anything_else(raw: bytes) -> None:
+def test_arbitrary_bytes_raise_only_remote_errors(raw: bytes) -> None:
     for data in (raw, b'<Sen Type="ImFree">' + raw + b"</Sen>"):
         try:
             telegram = decode(data)
@@ -217,7 +220,7 @@ def test_no_bytes_raise_anything_else(raw: bytes) -> None:
 
 
 @given(st.sampled_from(sorted(GOLDEN)), st.integers(0, 400), st.integers(0, 255))
-def test_a_spoiled_byte_raises_nothing_else(name: str, at: int, byte: int) -> None:
+def test_corrupted_byte_raises_only_remote_errors(name: str, at: int, byte: int) -> None:
     raw = bytearray(GOLDEN[name][2].encode())
     raw[at % len(raw)] = byte
     for item in describe(bytes(raw)):
@@ -237,7 +240,7 @@ TEXTS = st.text(st.characters(codec="ascii", exclude_categories=["C"]), max_size
     ),
     st.integers(0, 2**63 - 1),
 )
-def test_what_is_written_is_read_again(
+def test_decode_inverts_encode(
     root: str, kind: str, elements: dict[str, dict[str, str] | str], ipoc: int
 ) -> None:
     values: dict[str, str] = {}
@@ -251,7 +254,7 @@ def test_what_is_written_is_read_again(
 
 
 @given(st.floats(-1e6, 1e6), st.integers(1, 9))
-def test_a_number_keeps_its_value_and_has_no_minus_before_zero(value: float, decimals: int) -> None:
+def test_number_keeps_its_value_and_has_no_minus_before_zero(value: float, decimals: int) -> None:
     text = fixed(value, decimals)
     assert number(text) == pytest.approx(value, abs=0.51 * 10.0**-decimals)
     assert not (text.startswith("-") and number(text) == 0.0)
@@ -260,7 +263,7 @@ def test_a_number_keeps_its_value_and_has_no_minus_before_zero(value: float, dec
 # --- angles
 
 
-def test_the_worked_example_of_the_angles() -> None:
+def test_worked_example_of_the_angles() -> None:
     q = from_angles(30.0, -20.0, 10.0)
     assert q == pytest.approx((0.943714, 0.127679, -0.144878, 0.268536), abs=1e-6)
     assert angles_of(q) == pytest.approx((30.0, -20.0, 10.0))
@@ -270,18 +273,18 @@ def test_the_worked_example_of_the_angles() -> None:
     assert columns[1] == pytest.approx((-0.543838, 0.823173, 0.163176), abs=1e-6)
 
 
-def test_a_tool_that_points_down_and_its_corrections() -> None:
+def test_downward_tool_and_its_corrections() -> None:
     down = from_angles(0.0, 0.0, 180.0)
     assert down == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-12)
     tilt, roll = from_angles(0.0, 5.0, 0.0), from_angles(0.0, 0.0, 5.0)
     # the same turns as (0, 5, 180), (0, -5, 180) and (0, 0, -175)
-    for found, same in [
+    for result, same in [
         (product(tilt, down), (0.0, 5.0, 180.0)),
         (product(down, tilt), (0.0, -5.0, 180.0)),
         (product(roll, down), (0.0, 0.0, -175.0)),
         (product(down, roll), (0.0, 0.0, -175.0)),
     ]:
-        assert abs(sum(a * b for a, b in zip(found, from_angles(*same), strict=True))) == pytest.approx(1.0)
+        assert abs(sum(a * b for a, b in zip(result, from_angles(*same), strict=True))) == pytest.approx(1.0)
     assert nearest(-175.0, 180.0) == pytest.approx(185.0)
     assert nearest(179.0, -540.0) == pytest.approx(-541.0)
 
@@ -304,7 +307,7 @@ def test_upright_angles_have_no_turn_about_the_base_axis() -> None:
     assert (a, b, c) == pytest.approx((0.0, 90.0, -30.0), abs=1e-5)
 
 
-def test_a_pose_is_told_in_millimetres_and_degrees() -> None:
+def test_pose_is_sent_in_millimetres_and_degrees() -> None:
     pose = pose_of([600.0, -1.5, 500.0, 30.0, -20.0, 10.0])
     assert pose.position == (0.6, -0.0015, 0.5)
     assert values_of(pose) == pytest.approx((600.0, -1.5, 500.0, 30.0, -20.0, 10.0))
@@ -314,7 +317,7 @@ def test_a_pose_is_told_in_millimetres_and_degrees() -> None:
 # --- words
 
 
-def test_a_capture_of_both_directions_is_put_into_words() -> None:
+def test_capture_of_both_directions_is_described() -> None:
     raw = (GOLDEN["K1"][2] + "\r\n" + GOLDEN["K2"][2]).encode() + b"<Sen Type="
     robot, sensor, rest = describe(raw)
     assert (robot["offset"], robot["size"], robot["direction"], robot["type"]) == (
@@ -337,8 +340,8 @@ def test_a_capture_of_both_directions_is_put_into_words() -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ('<Rob Type="KUKA"><IPOC>4</IPOC></Rob>', "it tells no RIst"),
-        ("<Sen Type='ImFree'><IPOC>4</IPOC></Sen>", "it carries nothing but IPOC"),
+        ('<Rob Type="KUKA"><IPOC>4</IPOC></Rob>', "RIst is missing"),
+        ("<Sen Type='ImFree'><IPOC>4</IPOC></Sen>", "it contains only IPOC"),
         ('<Sen><RKorr X="1"/><IPOC>4</IPOC></Sen>', "the root has no Type"),
         ('<Sen Type="a"><RKorr X="NaN"/><IPOC>4</IPOC></Sen>', "RKorr.X is not a number"),
     ],
@@ -348,7 +351,7 @@ def test_problems_are_named(text: str, problem: str) -> None:
     assert any(str(each).startswith(problem) for each in item["problems"])  # type: ignore[attr-defined]
 
 
-def test_a_text_for_the_panel_is_no_wrong_number() -> None:
+def test_text_for_the_panel_is_no_wrong_number() -> None:
     (item,) = describe(b'<Sen Type="a"><EStr>hello</EStr><IPOC>4</IPOC></Sen>')
     assert item["problems"] == []
 
@@ -366,12 +369,12 @@ PARTS = """
 
 
 @given(st.lists(st.sampled_from(PARTS.strip().replace("\n", "|").split("|")), max_size=7))
-def test_a_form_that_is_known_is_read_as_one_that_is_not(parts: list[str]) -> None:
-    """Also with another text in each place, and by the bytes that are malformed."""
+def test_cached_form_decodes_like_a_new_one(parts: list[str]) -> None:
+    """Also with other texts, and with malformed bytes."""
     text = "".join(['<Rob Type="KUKA">', *parts, "<IPOC>12</IPOC></Rob>"])
     for variant in (text, text.replace("5", "66"), text.replace("12", "9"), text.replace('"1"', '""')):
         for _ in range(2):
-            assert _read(decode, variant) == _read(lambda raw: _parsed(raw.decode()), variant)
+            assert _read(decode, variant) == _read(lambda raw: _parse(raw.decode()), variant)
 
 
 def _read(read: Callable[[bytes], Telegram], text: str) -> Telegram | str:

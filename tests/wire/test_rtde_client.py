@@ -1,4 +1,4 @@
-"""The client of a controller over RTDE, against a scripted one: each way to fail says in one line what to do."""
+"""RTDE client of a controller, against a scripted one: each failure is one line with its remedy."""
 
 import math
 import struct
@@ -22,15 +22,15 @@ from protocol.robot import ReportReceived
 from tests.wire.rtde_talk import ANSWERS, FIRST, IN, LINES, NO_DASHBOARD, T0, Talk, data
 
 
-def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> None:
+def test_client_asks_dashboard_negotiates_uploads_and_streams() -> None:
     talk = Talk(ClientProfile())
     talk.hear(b"Connected: Universal Robots Dashboard Server\n", Port.DASHBOARD)
-    asked = []
-    while talk.said and talk.said[-1].port is Port.DASHBOARD:
-        asked.append(talk.said[-1].data.decode())
-        talk.hear(LINES[asked[-1]].encode(), Port.DASHBOARD)
-    assert asked == list(LINES)
-    talk.said = talk.said[-1:]
+    requests = []
+    while talk.sent and talk.sent[-1].port is Port.DASHBOARD:
+        requests.append(talk.sent[-1].data.decode())
+        talk.hear(LINES[requests[-1]].encode(), Port.DASHBOARD)
+    assert requests == list(LINES)
+    talk.sent = talk.sent[-1:]
     for answer in ANSWERS.values():
         talk.hear(answer)
     talk.hear(data(100.0, runtime=Runtime.STOPPED))
@@ -39,7 +39,7 @@ def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> No
     assert not talk.reports
     talk.hear(data(100.004))
     assert talk.reports == [""]
-    rtde = [piece.data for piece in talk.said if piece.port is Port.RTDE]
+    rtde = [piece.data for piece in talk.sent if piece.port is Port.RTDE]
     assert rtde[:4] == [
         packets.version_request(),
         packets.outputs_request(OUTPUT_NAMES, 500.0),
@@ -47,9 +47,9 @@ def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> No
         packets.encode(Kind.START),
     ]
     assert rtde[4:] == [IN.pack(*(0.0,) * 6, 0.002, 0.03, 2000.0, 0, FIRST)] * 3
-    script = [number for number, piece in enumerate(talk.said) if piece.port is Port.SCRIPT]
+    script = [number for number, piece in enumerate(talk.sent) if piece.port is Port.SCRIPT]
     assert len(script) == 1
-    assert talk.said[script[0] - 1].data == rtde[4], "a package that orders nothing goes before the program"
+    assert talk.sent[script[0] - 1].data == rtde[4], "a package that orders nothing goes before the program"
 
 
 @pytest.mark.parametrize(
@@ -61,10 +61,10 @@ def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> No
         ((math.inf, 0.0, 1.0), None),
     ],
 )
-def test_the_arms_own_force_is_told_but_none_that_is_none(
+def test_valid_arm_force_is_reported_and_invalid_one_is_not(
     force: tuple[float, ...], expected: tuple[float, ...] | None
 ) -> None:
-    """`actual_TCP_force` stands behind the stamp, the pose and the speed: big-endian, 13 numbers in."""
+    """`actual_TCP_force` follows the time stamp, the pose and the speed: big-endian, at index 13."""
     talk = Talk()
     for answer in (*ANSWERS.values(), data(100.0), data(100.002)):
         talk.hear(answer)
@@ -78,8 +78,8 @@ def test_the_arms_own_force_is_told_but_none_that_is_none(
 
 WRONG: list[tuple[Kind | None, bytes, str]] = [
     (Kind.VERSION, packets.accepted(Kind.VERSION, False), "version 2 of RTDE; update"),
-    (Kind.VERSION, HEADER.pack(0, 0), "it speaks no RTDE"),
-    (Kind.VERSION, packets.encode(Kind.VERSION, b"ab"), "it speaks no RTDE"),
+    (Kind.VERSION, HEADER.pack(0, 0), "it does not speak RTDE"),
+    (Kind.VERSION, packets.encode(Kind.VERSION, b"ab"), "it does not speak RTDE"),
     (
         Kind.OUTPUTS,
         packets.types_answer(Kind.OUTPUTS, Types(0, ("NOT_FOUND", *EXPECTED[OUTPUT_NAMES][1:]))),
@@ -88,21 +88,21 @@ WRONG: list[tuple[Kind | None, bytes, str]] = [
     (
         Kind.OUTPUTS,
         packets.types_answer(Kind.OUTPUTS, Types(1, ("DOUBLE",))),
-        "it answers 13 variables with 1 types and recipe 1",
+        "it answers a request for 13 variables with 1 types and recipe 1",
     ),
     (
         Kind.OUTPUTS,  # as the fake server of the maker's client library answers: with the names
         packets.types_answer(Kind.OUTPUTS, Types(1, OUTPUT_NAMES)),
-        "it says that timestamp is of type 'timestamp', and its maker's guide says DOUBLE",
+        "it reports timestamp as type 'timestamp', but the vendor's guide says DOUBLE",
     ),
-    (Kind.OUTPUTS, packets.encode(Kind.OUTPUTS), "it speaks no RTDE"),
+    (Kind.OUTPUTS, packets.encode(Kind.OUTPUTS), "it does not speak RTDE"),
     (Kind.START, packets.accepted(Kind.START, False), "refuses to start its data"),
-    (None, packets.encode(Kind.DATA, b"\x01ab"), "it speaks no RTDE"),
+    (None, packets.encode(Kind.DATA, b"\x01ab"), "it does not speak RTDE"),
 ]
 
 
-@pytest.mark.parametrize(("stage", "packet", "words"), WRONG)
-def test_a_wrong_answer_ends_it_in_one_line(stage: Kind | None, packet: bytes, words: str) -> None:
+@pytest.mark.parametrize(("stage", "packet", "message"), WRONG)
+def test_wrong_response_ends_it_in_one_line(stage: Kind | None, packet: bytes, message: str) -> None:
     talk = Talk()
     for kind, answer in ANSWERS.items():
         if kind is stage:
@@ -110,42 +110,42 @@ def test_a_wrong_answer_ends_it_in_one_line(stage: Kind | None, packet: bytes, w
         talk.hear(answer)
     talk.hear(packet)
     assert len(talk.lost) == 1
-    assert words in talk.lost[0]
+    assert message in talk.lost[0]
     assert "\n" not in talk.lost[0]
-    count = len(talk.said)
+    count = len(talk.sent)
     talk.hear(data(100.0))
-    assert len(talk.said) == count, "it says nothing any more"
+    assert len(talk.sent) == count, "it says nothing any more"
     assert talk.client.farewell() == ()
     talk.lost.clear()
     talk.wait(2.0)
-    assert words in talk.lost[0], "told again, for those that began to wait later"
+    assert message in talk.lost[0], "told again, for those that began to wait later"
 
 
 @pytest.mark.parametrize(
-    ("stage", "words"),
+    ("stage", "message"),
     [
-        (Kind.VERSION, "does not answer over RTDE"),
-        (Kind.OUTPUTS, "does not answer over RTDE"),
-        (Kind.INPUTS, "does not answer over RTDE"),
-        (Kind.START, "does not start to send"),
+        (Kind.VERSION, "does not respond over RTDE"),
+        (Kind.OUTPUTS, "does not respond over RTDE"),
+        (Kind.INPUTS, "does not respond over RTDE"),
+        (Kind.START, "does not start sending"),
         (Kind.DATA, "sends no data"),
     ],
 )
-def test_silence_is_told_after_a_second(stage: Kind, words: str) -> None:
+def test_silence_is_reported_after_a_second(stage: Kind, message: str) -> None:
     talk = Talk().up_to(stage)
     talk.wait(ANSWER_S - 0.01)
     assert not talk.lost
     talk.wait(0.02)
-    assert words in talk.lost[0]
+    assert message in talk.lost[0]
 
 
-def test_a_silent_dashboard_and_a_port_that_is_none_are_told() -> None:
+def test_silent_dashboard_and_wrong_port_are_reported() -> None:
     talk = Talk(ClientProfile())
     talk.wait(2.0)
     assert "set dashboard_port to 0" in talk.lost[0]
     talk = Talk(ClientProfile())
     talk.hear(b"220 ready\n", Port.DASHBOARD)
-    assert "no dashboard answers" in talk.lost[0]
+    assert "no dashboard server" in talk.lost[0]
     talk = Talk(ClientProfile())
     talk.hear(b"Connected: x\nfalse\n", Port.DASHBOARD)
     assert "switch it to Remote Control" in talk.lost[0]
@@ -153,7 +153,7 @@ def test_a_silent_dashboard_and_a_port_that_is_none_are_told() -> None:
     assert len(talk.lost) == 1
 
 
-def test_registers_in_use_are_asked_for_a_few_times() -> None:
+def test_registers_in_use_are_requested_a_few_times() -> None:
     talk = Talk().up_to(Kind.INPUTS)
     used = packets.types_answer(Kind.INPUTS, Types(0, ("IN_USE",) * 11))
     for _ in range(TRIES):
@@ -161,16 +161,16 @@ def test_registers_in_use_are_asked_for_a_few_times() -> None:
         talk.hear(used)
         talk.wait(0.25)
     assert "another client holds its input registers" in talk.lost[0]
-    asked = [piece.data for piece in talk.said].count(packets.inputs_request(INPUT_NAMES))
-    assert asked == TRIES
+    requests = [piece.data for piece in talk.sent].count(packets.inputs_request(INPUT_NAMES))
+    assert requests == TRIES
     talk = Talk().up_to(Kind.INPUTS)
     talk.hear(used)
     talk.wait(0.25)
     talk.hear(ANSWERS[Kind.INPUTS])
-    assert talk.said[-1].data == packets.encode(Kind.START)
+    assert talk.sent[-1].data == packets.encode(Kind.START)
 
 
-def test_a_program_that_does_not_play_is_told_with_the_reason() -> None:
+def test_program_that_is_not_playing_is_reported_with_the_reason() -> None:
     talk = Talk().up_to(Kind.DATA)
     stamp = 100.0
     while not talk.lost and talk.now < T0 + 10.0:
@@ -199,36 +199,36 @@ FAULTS: list[tuple[dict[str, float], str]] = [
     ({"mode": 5}, "in the mode 'idle'"),
     ({"mode": 44}, "in the mode '44'"),
     ({"runtime": 4}, "our program is paused"),
-    ({"state": 4}, "no joints near the present ones hold"),
+    ({"state": 4}, "no joints near the current ones reach"),
     ({"state": 5}, "our program has ended"),
     ({"state": 3}, ""),
-    ({"scaling": 0.4}, "speed slider stands at 40 %"),
-    ({"scaling": math.nan}, "speed slider stands at nan %"),
+    ({"scaling": 0.4}, "speed slider is at 40 %"),
+    ({"scaling": math.nan}, "speed slider is at nan %"),
 ]
 
 
-@pytest.mark.parametrize(("values", "words"), FAULTS)
-def test_what_forbids_to_move_is_told_with_a_remedy(values: dict[str, float], words: str) -> None:
+@pytest.mark.parametrize(("values", "message"), FAULTS)
+def test_obstacles_to_motion_are_reported_with_a_remedy(values: dict[str, float], message: str) -> None:
     talk = streaming()
     talk.hear(data(100.004, **values))  # type: ignore[arg-type]
-    assert words in talk.reports[-1]
-    assert bool(words) == bool(talk.reports[-1])
+    assert message in talk.reports[-1]
+    assert bool(message) == bool(talk.reports[-1])
 
 
-def test_a_pose_that_is_no_number_does_not_hide_an_emergency_stop() -> None:
+def test_invalid_pose_does_not_hide_an_emergency_stop() -> None:
     talk = streaming()
     talk.hear(data(100.004, safety=0x4C0, pose=(math.nan,) * 6))
     assert "emergency stop" in talk.reports[-1]
     assert "; it reports " in talk.reports[-1]
 
 
-def test_a_text_of_the_controller_is_handed_on() -> None:
+def test_text_of_the_controller_is_handed_on() -> None:
     talk = streaming()
     talk.hear(packets.text(Text("hello", "CON", 2)))
     assert talk.notices == ["CON: hello"]
 
 
-def test_numbers_follow_the_controllers_clock_and_go_on_where_that_begins_again() -> None:
+def test_numbers_follow_the_controller_clock_over_its_restart() -> None:
     talk = streaming()
     numbers = []
     for stamp in (100.004, 100.006, 100.012, 3.0, 3.002, math.nan, 3.006, 1e300):
@@ -240,7 +240,7 @@ def test_numbers_follow_the_controllers_clock_and_go_on_where_that_begins_again(
     assert steps == [1, 3, 1, 1, 1, 2, 1_000_000]
 
 
-def test_a_clock_beyond_all_numbers_is_survived() -> None:
+def test_clock_beyond_all_numbers_is_survived() -> None:
     talk = streaming()
     talk.hear(data(1e308))
     assert not talk.lost
@@ -250,7 +250,7 @@ def test_a_clock_beyond_all_numbers_is_survived() -> None:
     assert not again.lost
 
 
-def test_a_movement_is_answered_and_its_end_lets_the_arm_come_to_its_set_point() -> None:
+def test_movement_is_answered_and_ends_at_its_set_point() -> None:
     talk = streaming()
     client = talk.client
     pose = Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
@@ -261,19 +261,19 @@ def test_a_movement_is_answered_and_its_end_lets_the_arm_come_to_its_set_point()
     (piece,) = client.data_to_send(talk.now)
     assert piece.data == IN.pack(0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.002, 0.03, 2000.0, 1, FIRST + 1)
     client.end()
-    talk.said = []
+    talk.sent = []
     stamp = 100.004
     for _ in range(77):
         stamp += 0.002
         talk.hear(data(stamp, state=2, taken=IN.unpack(piece.data[3:])[10]))
-        piece = talk.said[-1]
-    commands = [IN.unpack(piece.data[3:])[9:] for piece in talk.said]
+        piece = talk.sent[-1]
+    commands = [IN.unpack(piece.data[3:])[9:] for piece in talk.sent]
     assert commands == [*((1, FIRST + number) for number in range(2, 77)), *[(0, FIRST + 76)] * 2]
     goodbye = client.farewell()
     assert [IN.unpack(goodbye[0].data[3:])[9], goodbye[1].data] == [255, packets.encode(Kind.PAUSE)]
 
 
-def test_a_program_that_takes_no_targets_is_a_fault() -> None:
+def test_program_that_accepts_no_targets_is_a_fault() -> None:
     talk = streaming()
     pose = Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
     talk.client.begin(pose)
@@ -285,10 +285,10 @@ def test_a_program_that_takes_no_targets_is_a_fault() -> None:
         faults.append(str(Trouble(event.report.fault, event.report.remedy)))
         talk.client.target(pose, talk.now)
     assert [bool(fault) for fault in faults] == [False] * 51 + [True] * 9
-    assert "see whether another client's program plays" in faults[-1]
+    assert "check whether another client's program is playing" in faults[-1]
 
 
-def test_a_state_that_an_older_program_left_is_not_taken_for_ours() -> None:
+def test_state_left_by_an_older_program_is_ignored() -> None:
     talk = Talk().up_to(Kind.DATA)
     for number in range(20):
         talk.hear(data(100.0 + 0.002 * number, taken=FIRST - 7))
@@ -298,7 +298,7 @@ def test_a_state_that_an_older_program_left_is_not_taken_for_ours() -> None:
     assert talk.reports == [""]
 
 
-def test_a_fault_in_a_movement_is_final_for_it() -> None:
+def test_fault_in_a_movement_is_final_for_it() -> None:
     talk = streaming()
     client = talk.client
     pose = Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
@@ -318,14 +318,14 @@ def test_a_fault_in_a_movement_is_final_for_it() -> None:
     assert IN.unpack(client.data_to_send(talk.now)[0].data[3:])[9] == 1
 
 
-def test_silence_ends_a_movement_and_nothing_but_a_movement() -> None:
+def test_silence_ends_only_a_movement() -> None:
     talk = streaming()
     talk.wait(5.0)
     assert not talk.lost
     talk = streaming()
     talk.client.begin(Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0)))
     talk.wait(0.11)
-    assert "nothing came for 100 ms" in talk.lost[0]
+    assert "nothing received for 100 ms" in talk.lost[0]
 
 
 @pytest.mark.full

@@ -1,4 +1,4 @@
-"""Packets of RTDE: golden bytes both ways, recipes, rotation vectors, and bytes that are no packet."""
+"""Packets of RTDE: golden bytes in both directions, recipes, rotation vectors, and invalid bytes."""
 
 import contextlib
 import math
@@ -115,14 +115,14 @@ def test_golden_packets_are_read() -> None:
     assert packets.read_text(payloads[22]) == Text("hello", "CON", Level.WARNING)
 
 
-def test_a_list_with_a_comma_at_its_end_has_no_further_name() -> None:
+def test_trailing_comma_of_a_list_adds_no_name() -> None:
     packet = read_one("00 19 49 69 6e 70 75 74 5f 69 6e 74 5f 72 65 67 69 73 74 65 72 5f 32 33 2c")
     assert packets.split_names(packet.payload) == ("input_int_register_23",)
     assert packets.split_names(b"") == ()
 
 
 @given(st.lists(st.tuples(st.sampled_from(list(Kind)), st.binary(max_size=40)), max_size=8), st.data())
-def test_packets_come_the_same_however_they_are_split(
+def test_any_split_of_the_bytes_gives_the_same_packets(
     sent: list[tuple[Kind, bytes]], data: st.DataObject
 ) -> None:
     raw = b"".join(packets.encode(kind, payload) for kind, payload in sent)
@@ -137,15 +137,15 @@ def test_packets_come_the_same_however_they_are_split(
 
 
 @pytest.mark.parametrize("size", [0, 1, 2])
-def test_a_size_below_the_headers_is_refused(size: int) -> None:
+def test_size_below_the_headers_is_refused(size: int) -> None:
     reader = Reader()
     reader.feed(struct.pack(">HB", size, Kind.DATA))
-    with pytest.raises(RemoteProtocolError, match="fewer than its header"):
+    with pytest.raises(RemoteProtocolError, match="less than its header"):
         reader.next_packet()
 
 
-def test_what_does_not_fit_is_refused_at_home() -> None:
-    with pytest.raises(LocalProtocolError, match="longer than its size field"):
+def test_oversized_values_are_local_errors() -> None:
+    with pytest.raises(LocalProtocolError, match="too long for its size field"):
         packets.encode(Kind.DATA, bytes(65533))
     with pytest.raises(LocalProtocolError, match="recipe 4"):
         Recipe(4, ("input_int_register_0",), ("INT32",)).pack(2**31)
@@ -163,13 +163,13 @@ READS = [
 
 
 @given(st.sampled_from(READS), st.binary(max_size=80))
-def test_no_payload_raises_anything_else(read, payload: bytes) -> None:
+def test_arbitrary_payloads_raise_only_remote_errors(read, payload: bytes) -> None:
     with contextlib.suppress(RemoteProtocolError):
         read(payload)
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_are_described_whole(raw: bytes) -> None:
+def test_arbitrary_bytes_are_described_completely(raw: bytes) -> None:
     items = describe(raw)
     assert sum(item["size"] for item in items) == len(raw)
     assert [item["offset"] for item in items] == [
@@ -177,7 +177,7 @@ def test_any_bytes_are_described_whole(raw: bytes) -> None:
     ]
 
 
-def test_a_capture_is_told_in_words() -> None:
+def test_capture_is_described() -> None:
     raw = b"".join(made for _, made in GOLDEN[:18]) + b"is in remote control\ntrue\n\x01\x02"
     items = describe(raw)
     assert [item["kind"] for item in items] == ["packet"] * 18 + ["noise"]
@@ -195,17 +195,17 @@ def test_a_capture_is_told_in_words() -> None:
     assert (text["kind"], text["text"]) == ("text", "PolyscopeVersion\n")
     (unknown,) = describe(Recipe(9, NAMES, TYPES).pack(1.0, *SIX, 1, 1))
     assert "not in the capture" in unknown["problems"][0]
-    asked, typed = describe(
+    requests, typed = describe(
         packets.inputs_request(("no_such",)) + packets.types_answer(Kind.INPUTS, Types(3, ("WORD",)))
     )
-    assert asked["problems"] == ["no variable is called 'no_such'"]
+    assert requests["problems"] == ["unknown variable 'no_such'"]
     assert typed["problems"] == ["unknown type WORD"]
     (empty,) = describe(packets.encode(Kind.DATA))
     assert "without the number" in empty["problems"][0]
     (text_packet,) = describe(packets.text(Text("hello", "CON", 2)))
     assert [field["value"] for field in text_packet["fields"]] == ["hello", "CON", "warning"]
     (old,) = describe(packets.version_request(1))
-    assert old["problems"] == ["only version 2 is known here"]
+    assert old["problems"] == ["only version 2 is supported"]
 
 
 # --- variables
@@ -216,7 +216,7 @@ def test_every_variable_has_a_type_that_can_be_packed() -> None:
         assert {variable.type for variable in table.values()} <= set(CODES)
 
 
-def test_a_variable_comes_with_its_version() -> None:
+def test_variable_is_known_from_its_version_on() -> None:
     assert type_of(OUTPUTS, "payload_inertia", (5, 10, 0, 0)) == NOT_FOUND
     assert type_of(OUTPUTS, "payload_inertia", (5, 11, 0, 0)) == "VECTOR6D"
     assert type_of(OUTPUTS, "nonsense", (5, 12, 0, 0)) == NOT_FOUND
@@ -224,7 +224,7 @@ def test_a_variable_comes_with_its_version() -> None:
 
 
 @given(st.data())
-def test_a_recipe_gives_back_its_values(data: st.DataObject) -> None:
+def test_recipe_round_trip_keeps_its_values(data: st.DataObject) -> None:
     names = data.draw(st.lists(st.sampled_from(sorted(OUTPUTS)), min_size=1, max_size=12, unique=True))
     types = tuple(OUTPUTS[name].type for name in names)
     recipe = Recipe(data.draw(st.integers(1, 255)), tuple(names), types)
@@ -243,14 +243,14 @@ def test_a_recipe_gives_back_its_values(data: st.DataObject) -> None:
     assert recipe.size == len(payload)
     assert recipe.unpack(payload) == numbers
     assert list(recipe.values(numbers)) == names
-    with pytest.raises(RemoteProtocolError, match="is none of recipe"):
+    with pytest.raises(RemoteProtocolError, match="does not match recipe"):
         recipe.unpack(payload[:-1])
 
 
 # --- rotation vectors
 
 
-def test_a_rotation_vector_worked_out_by_hand() -> None:
+def test_rotation_vector_worked_out_by_hand() -> None:
     assert turn_by((0.0, 3.0, 0.5)) == pytest.approx((0.0500847, 0.0, 0.9851560, 0.1641927), abs=1e-7)
     assert rotation_vector(turn_by((0.0, 3.0, 0.5))) == pytest.approx((0.0, 3.0, 0.5))
     other = (0.0, -3.1976958, -0.5329493)
@@ -260,7 +260,7 @@ def test_a_rotation_vector_worked_out_by_hand() -> None:
 
 
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1))
-def test_an_orientation_comes_back_from_its_rotation_vector(four: tuple[float, float, float, float]) -> None:
+def test_rotation_vector_round_trip_keeps_the_orientation(four: tuple[float, float, float, float]) -> None:
     w, x, y, z = (part / math.hypot(*four) for part in four)
     pose = Pose((0.1, -0.2, 0.3), (w, x, y, z))
     six = six_of(pose)
@@ -275,7 +275,7 @@ def test_an_orientation_comes_back_from_its_rotation_vector(four: tuple[float, f
 # --- text
 
 
-def test_our_programs_text_has_the_settings_and_the_shape_that_the_script_manual_asks_for() -> None:
+def test_program_text_has_the_settings_and_valid_urscript_form() -> None:
     text = program_text(50, 10.0, 2.0, 0.1)
     lines = text.splitlines()
     assert lines[0] == "def hil_bridge():"
@@ -294,7 +294,7 @@ def test_our_programs_text_has_the_settings_and_the_shape_that_the_script_manual
 
 
 @pytest.mark.parametrize(
-    ("question", "answer", "words"),
+    ("question", "answer", "message"),
     [
         ("is in remote control", "true", ""),
         ("is in remote control", "could not understand: 'is in remote control'", ""),
@@ -305,15 +305,13 @@ def test_our_programs_text_has_the_settings_and_the_shape_that_the_script_manual
         ("safetystatus", "Safetystatus: PROTECTIVE_STOP", "PROTECTIVE_STOP"),
     ],
 )
-def test_answers_of_the_dashboard_say_whether_a_program_may_start(
-    question: str, answer: str, words: str
-) -> None:
-    told = str(find_refusal(question, answer))
-    assert words in told
-    assert bool(told) == bool(words)
+def test_dashboard_responses_decide_about_a_program_start(question: str, answer: str, message: str) -> None:
+    refusal = str(find_refusal(question, answer))
+    assert message in refusal
+    assert bool(refusal) == bool(message)
 
 
-def test_lines_come_however_they_are_split_and_never_grow_without_end() -> None:
+def test_any_split_gives_the_same_lines_in_bounded_memory() -> None:
     lines = Lines()
     assert lines.feed(b"robot") == []
     assert lines.feed(b"mode\r\nrunn") == ["robotmode"]

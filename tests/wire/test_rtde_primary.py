@@ -1,4 +1,4 @@
-"""Packets of the primary interface: sizes and values of frames that a simulator of the maker sent, and hostile bytes.
+"""Packets of the primary interface: sizes and values of frames from the vendor's simulator, and hostile bytes.
 
 Source of the frames: `tests/test_primary_parser.cpp` of Universal Robots' C++ client library, recorded from URSim 5.
 """
@@ -39,7 +39,7 @@ def test_sub_packages_have_the_observed_sizes_and_order() -> None:
     assert list(primary.PARTS)[:4] == [Part.ROBOT_MODE, Part.JOINTS, Part.CARTESIAN, Part.KINEMATICS]
 
 
-def test_an_observed_robot_mode_is_read_and_written_byte_for_byte() -> None:
+def test_observed_robot_mode_round_trips_byte_for_byte() -> None:
     ((kind, body),) = primary.split(ROBOT_MODE)
     values = primary.ROBOT_MODE.unpack(body)
     assert kind == Part.ROBOT_MODE
@@ -92,16 +92,16 @@ def test_messages_are_written_as_they_are_read(kind: MessageKind, body: bytes, e
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(data: bytes) -> None:
-    found = read(lambda: list(primary.split(data)))
-    if found is not None:
-        assert sum(len(body) + primary.HEADER.size for _, body in found) == len(data)
+    packets = read(lambda: list(primary.split(data)))
+    if packets is not None:
+        assert sum(len(body) + primary.HEADER.size for _, body in packets) == len(data)
     message = read(lambda: primary.read_message(data))
     assert (message is None) is (len(data) < 10)
     assert message is None or message.body == data[10:]
 
 
 def read(reading: Callable[[], Read]) -> Read | None:
-    """The value that is read; None where it is refused."""
+    """Return the decoded value; None if it is refused."""
     try:
         return reading()
     except RemoteProtocolError:

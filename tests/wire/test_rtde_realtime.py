@@ -1,6 +1,7 @@
-"""Packets of the real-time interface: published lengths and places, and hostile bytes; both interfaces in words.
+"""Packets of the real-time interface: published lengths and offsets, hostile bytes, and descriptions of both
+interfaces.
 
-Source of lengths and places: Universal Robots' manual, RealTime 5.9 and 5.10, whose columns count doubles behind the
+Source of lengths and offsets: Universal Robots' manual, RealTime 5.9 and 5.10, whose columns count doubles behind the
 time as 1, and ROS's ur_modern_driver.
 """
 
@@ -63,12 +64,12 @@ def test_each_version_has_its_published_length(version: tuple[int, int, int], le
     assert realtime.LAYOUTS[length] == layout
 
 
-def test_fields_stand_at_their_published_columns() -> None:
+def test_fields_are_at_their_published_columns() -> None:
     at = {field.name: field.offset // 8 + 1 for field in realtime.LAYOUTS[1220].layout.fields}
     assert {name: at[name] for name in COLUMNS} == COLUMNS
 
 
-def test_bits_are_whole_numbers_and_all_others_doubles() -> None:
+def test_bits_are_integers_and_all_others_doubles() -> None:
     layout = realtime.layout_of((5, 12, 0))
     count = len(layout.layout.fields)
     packet = layout.encode([5 if field.format == "Q" else 1.5 for field in layout.layout.fields])
@@ -82,18 +83,18 @@ def test_bits_are_whole_numbers_and_all_others_doubles() -> None:
 
 @pytest.mark.parametrize("packet", [b"", bytes(1220), struct.pack(">I", 1108) + bytes(1112), bytes(3)])
 def test_another_length_is_refused(packet: bytes) -> None:
-    with pytest.raises(RemoteProtocolError, match="no packet of the real-time interface"):
+    with pytest.raises(RemoteProtocolError, match="not a packet of the real-time interface"):
         realtime.decode(packet)
 
 
 # --- in words
 
 
-def shown(item: dict[str, Any]) -> dict[str, Any]:
+def fields_of(item: dict[str, Any]) -> dict[str, Any]:
     return {field["name"]: field["value"] for field in item["fields"]}
 
 
-def test_a_real_time_state_is_told_in_words() -> None:
+def test_real_time_state_is_described() -> None:
     layout = realtime.layout_of((5, 4, 0))
     row = {field.name: 0.0 for field in layout.layout.fields}
     row |= {"timestamp": 12.5, "robot_mode": 7.0, "safety_status": 3.0, "runtime_state": 2.0}
@@ -101,57 +102,57 @@ def test_a_real_time_state_is_told_in_words() -> None:
     packet = layout.encode(list(row.values()))
     first, second = describe(packet * 2)
     assert (first["op"], first["size"], second["offset"]) == ("real-time state", 1116, 1116)
-    told = shown(first)
-    assert (told["timestamp"], told["robot_mode"], told["safety_status"]) == (
+    items = fields_of(first)
+    assert (items["timestamp"], items["robot_mode"], items["safety_status"]) == (
         12.5,
         "running",
         "protective stop",
     )
-    assert (told["runtime_state"], told["actual_digital_output_bits"]) == ("playing", 5)
+    assert (items["runtime_state"], items["actual_digital_output_bits"]) == ("playing", 5)
     assert {field["unit"] for field in first["fields"] if field["name"].startswith("actual_q_")} == {"rad"}
 
 
-def test_what_the_maker_s_library_was_told_is_put_into_words() -> None:
+def test_input_of_the_vendor_library_is_described() -> None:
     folder = Path(__file__).with_name("transcripts") / "drivers"
     transcript = read(folder / "rtde-ur-client-library-primary.txt")
     items = describe(b"".join(transcript.made_by(DEVICE, "primary")))
     assert {item["kind"] for item in items} == {"packet"}
     assert [item for item in items if item["problems"]] == []
-    state = shown(next(item for item in items if item["op"] == "robot state"))
+    state = fields_of(next(item for item in items if item["op"] == "robot state"))
     assert (state["robot mode: robot_mode"], state["masterboard: safety_mode"]) == ("running", "normal")
     assert state["configuration: robot_type"] == 2
-    told = {item["op"]: shown(item) for item in items}
-    assert (told["version message"]["project"], told["version message"]["minor"]) == ("URControl", 12)
-    assert told["text message"]["text"] == "hello 7"
-    assert told["error code message"]["level"] == "warning"
-    assert told["runtime exception message"]["line"] == 2
-    assert told["key message"]["title"] == "PROGRAM_XXX_STOPPED"
-    assert told["safety mode message"]["safety_mode"] == "normal"
+    by_name = {item["op"]: fields_of(item) for item in items}
+    assert (by_name["version message"]["project"], by_name["version message"]["minor"]) == ("URControl", 12)
+    assert by_name["text message"]["text"] == "hello 7"
+    assert by_name["error code message"]["level"] == "warning"
+    assert by_name["runtime exception message"]["line"] == 2
+    assert by_name["key message"]["title"] == "PROGRAM_XXX_STOPPED"
+    assert by_name["safety mode message"]["safety_mode"] == "normal"
 
 
-def test_a_packet_between_others_is_found() -> None:
+def test_packet_between_others_is_recognised() -> None:
     message = primary.encode_message(Message(0, 255, MessageKind.TEXT, b"hi"))
     items = describe(b"play\n" + message + b"\xff\xfe" + message[:7])
     assert [item["kind"] for item in items] == ["text", "packet", "noise"]
-    assert shown(items[1])["text"] == "hi"
+    assert fields_of(items[1])["text"] == "hi"
 
 
 @pytest.mark.parametrize(
     ("packet", "problem"),
     [
         (primary.encode(PacketType.MESSAGE, b"short"), "shorter than its head"),
-        (primary.encode_message(Message(0, 255, 99, b"")), "a message of kind 99 is not known"),
+        (primary.encode_message(Message(0, 255, 99, b"")), "unknown message kind 99"),
         (
             primary.encode_message(Message(0, 255, MessageKind.KEY, bytes(8) + b"\x09cut")),
-            "title of a message is cut",
+            "title of a message is truncated",
         ),
         (primary.encode_message(Message(0, 255, MessageKind.ERROR_CODE, b"")), "needs 20 bytes"),
-        (primary.encode(PacketType.STATE, primary.encode(42, b"xy")), "type 42 and 2 bytes is not known"),
+        (primary.encode(PacketType.STATE, primary.encode(42, b"xy")), "part of type 42 and 2 bytes"),
         (primary.encode(PacketType.STATE, primary.encode(0, b"xy")), "robot mode needs 42 bytes"),
         (primary.encode(PacketType.STATE, b"\0\0\0\xffx"), "a packet of 255 bytes"),
     ],
 )
-def test_a_bad_packet_is_a_problem_and_no_error(packet: bytes, problem: str) -> None:
+def test_bad_packet_is_a_problem_and_no_error(packet: bytes, problem: str) -> None:
     (item,) = describe(packet)
     assert item["kind"] == "packet"
     assert problem in item["problems"][0]
@@ -162,13 +163,13 @@ def test_every_body_is_read_as_it_was_written(kind: MessageKind) -> None:
     form = BODIES[kind]
     count = len(form.before.fields) + len(form.behind.fields)
     body = primary.encode_body(kind, *range(count), title="a title" if form.title else "", text="täxt")
-    found = primary.read_body(Message(0, 255, kind, body))
-    assert found is not None
-    assert [int(value) for _, value in found.fields] in (list(range(count)), [0, *[1] * (count - 1)])
-    assert found.texts == (*(((form.title, "a title"),) if form.title else ()), (form.text, "täxt"))
+    result = primary.read_body(Message(0, 255, kind, body))
+    assert result is not None
+    assert [int(value) for _, value in result.fields] in (list(range(count)), [0, *[1] * (count - 1)])
+    assert result.texts == (*(((form.title, "a title"),) if form.title else ()), (form.text, "täxt"))
 
 
 @given(st.binary(max_size=300), st.sampled_from([16, 20, 64]))
-def test_any_bytes_are_put_into_words(data: bytes, kind: int) -> None:
+def test_arbitrary_bytes_are_described(data: bytes, kind: int) -> None:
     packet = primary.encode(kind, data)
     assert sum(item["size"] for item in describe(packet)) == len(packet)

@@ -1,4 +1,4 @@
-"""The messages of every sensor's client to its owner: order, statuses told once, the host's zero, the end."""
+"""Events from every sensor client to its owner: order, statuses reported once, the host's zero, the end."""
 
 import pytest
 
@@ -9,41 +9,41 @@ from protocol.wrench import SensorFailed, SensorNotice, SensorRestarted, SensorS
 RAW = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
-def events(telling: SensorEventQueue) -> list[object]:
-    return list(iter(telling.next_event, None))
+def events(queue: SensorEventQueue) -> list[object]:
+    return list(iter(queue.next_event, None))
 
 
-def test_events_come_in_the_order_in_which_they_were_told() -> None:
-    telling = SensorEventQueue()
-    telling.notice("first")
-    telling.tell(SensorRestarted())
-    telling.notice("last")
-    assert events(telling) == [SensorNotice("first"), SensorRestarted(), SensorNotice("last")]
-    assert telling.next_event() is None
+def test_events_keep_their_order() -> None:
+    queue = SensorEventQueue()
+    queue.notice("first")
+    queue.tell(SensorRestarted())
+    queue.notice("last")
+    assert events(queue) == [SensorNotice("first"), SensorRestarted(), SensorNotice("last")]
+    assert queue.next_event() is None
 
 
-def test_a_status_is_told_once() -> None:
-    telling = SensorEventQueue()
+def test_status_is_reported_once() -> None:
+    queue = SensorEventQueue()
     for status in (1, 2, 1, 2):
-        telling.notice_status(status, f"status {status}")
-    assert events(telling) == [SensorNotice("status 1"), SensorNotice("status 2")]
-    assert telling.knows_status(2)
-    assert not telling.knows_status(3)
+        queue.notice_status(status, f"status {status}")
+    assert events(queue) == [SensorNotice("status 1"), SensorNotice("status 2")]
+    assert queue.knows_status(2)
+    assert not queue.knows_status(3)
 
 
-def test_a_status_that_changes_with_every_sample_fills_no_recording() -> None:
-    telling = SensorEventQueue()
+def test_constantly_changing_status_is_limited_in_the_recording() -> None:
+    queue = SensorEventQueue()
     for status in range(1000):
-        telling.notice_status(status, "")
-    assert len(events(telling)) == 16
+        queue.notice_status(status, "")
+    assert len(events(queue)) == 16
 
 
-def test_samples_are_counted_and_a_zero_follows_the_sample_that_completes_it() -> None:
-    telling = SensorEventQueue(zero_samples=2)
-    telling.zero()
+def test_samples_are_counted_and_a_zero_follows_its_last_sample() -> None:
+    queue = SensorEventQueue(zero_samples=2)
+    queue.zero()
     for at in range(3):
-        telling.sample(RAW, at, 0b1)
-    assert events(telling) == [
+        queue.sample(RAW, at, 0b1)
+    assert events(queue) == [
         WrenchFrame(RAW, 1, 1, 0, 0b1),
         WrenchFrame(RAW, 2, 2, 1, 0b1),
         Zeroed(),
@@ -51,19 +51,19 @@ def test_samples_are_counted_and_a_zero_follows_the_sample_that_completes_it() -
     ]
 
 
-def test_a_failure_names_its_part_and_ends_the_session() -> None:
-    telling = SensorEventQueue("board: ")
-    telling.fail("no data")
-    assert telling.ended
-    assert events(telling) == [SensorFailed("board: no data")]
-    with pytest.raises(LocalProtocolError, match="over"):
-        telling.zero()
+def test_failure_names_its_part_and_ends_the_session() -> None:
+    queue = SensorEventQueue("board: ")
+    queue.fail("no data")
+    assert queue.ended
+    assert events(queue) == [SensorFailed("board: no data")]
+    with pytest.raises(LocalProtocolError, match="ended"):
+        queue.zero()
 
 
-def test_a_stop_ends_the_session() -> None:
-    telling = SensorEventQueue()
-    telling.zero()
-    telling.stop()
-    assert events(telling) == [SensorStopped()]
-    with pytest.raises(LocalProtocolError, match="over"):
-        telling.zero()
+def test_stop_ends_the_session() -> None:
+    queue = SensorEventQueue()
+    queue.zero()
+    queue.stop()
+    assert events(queue) == [SensorStopped()]
+    with pytest.raises(LocalProtocolError, match="ended"):
+        queue.zero()

@@ -71,7 +71,7 @@ def test_garbage_then_valid_recovers(garbage: bytes) -> None:
 
 
 @given(st.binary(max_size=40) | st.from_regex(rb"[tTrR][0-9A-Fa-f]{0,36}", fullmatch=True), st.booleans())
-def test_arbitrary_lines_raise_remote_errors_or_nothing(line: bytes, timestamp: bool) -> None:
+def test_arbitrary_lines_decode_or_raise_remote_errors(line: bytes, timestamp: bool) -> None:
     try:
         decode_frame(line, timestamp=timestamp)
     except RemoteProtocolError:
@@ -84,17 +84,17 @@ def test_arbitrary_lines_raise_remote_errors_or_nothing(line: bytes, timestamp: 
     (b" t t100 t1009000000000000000000 t10021 t1002112233 t80000 t8000 T200000000 x1000 t100A t1-00 r10021133"
      b" t100\xb20").split(b" "),
 )  # fmt: skip
-def test_lines_that_are_no_frame(line: bytes) -> None:
+def test_invalid_lines_are_refused(line: bytes) -> None:
     with pytest.raises(RemoteProtocolError):
         decode_frame(line)
 
 
-def test_a_bus_error_has_no_line() -> None:
+def test_bus_error_has_no_line() -> None:
     with pytest.raises(LocalProtocolError):
         encode_frame(CanFrame(0, error=True))
 
 
-def test_a_line_without_end_is_cut_and_no_frame() -> None:
+def test_endless_line_is_truncated_and_refused() -> None:
     decoder = LineDecoder()
     for _ in range(1000):
         assert decoder.feed(b"t" * 50) == []
@@ -105,16 +105,16 @@ def test_a_line_without_end_is_cut_and_no_frame() -> None:
     assert decode_frame(short) == CanFrame(0x20)
 
 
-def heard(client: SlcanClient, text: bytes, now: float = 7.0) -> list[CanFrame]:
-    """The frames that the client makes of a text."""
+def received_frames(client: SlcanClient, text: bytes, now: float = 7.0) -> list[CanFrame]:
+    """Return the frames that the client decodes from a text."""
     client.receive(text, now)
-    found = []
+    result = []
     while (frame := client.next_event()) is not None:
-        found.append(frame)
-    return found
+        result.append(frame)
+    return result
 
 
-def test_a_client_opens_its_channel_sends_and_closes() -> None:
+def test_client_opens_its_channel_sends_and_closes() -> None:
     client = SlcanClient(1_000_000)
     assert client.data_to_send(7.0) == b"\r\r\rC\rS8\rO\r"
     assert SlcanClient().data_to_send(7.0) == b"\r\r\rC\rO\r"
@@ -124,18 +124,18 @@ def test_a_client_opens_its_channel_sends_and_closes() -> None:
     assert client.data_to_send(7.0) == b""
     assert client.next_deadline() is None
     client.handle_deadline(8.0)
-    with pytest.raises(LocalProtocolError, match="no line in slcan"):
+    with pytest.raises(LocalProtocolError, match="cannot be sent over slcan"):
         client.send([CanFrame(0, error=True)])
 
 
-def test_a_client_takes_frames_with_and_without_a_time_stamp() -> None:
+def test_client_accepts_frames_with_and_without_time_stamp() -> None:
     client = SlcanClient()
-    assert heard(client, b"\r\rz\rZ\r\aV1013\rv1013\rNA123\rF80\r\at10021133\rt1002113300FF\r") == [
+    assert received_frames(client, b"\r\rz\rZ\r\aV1013\rv1013\rNA123\rF80\r\at10021133\rt1002113300FF\r") == [
         CanFrame(0x100, b"\x11\x33"),
         CanFrame(0x100, b"\x11\x33"),
     ]
     assert client.malformed == 0
-    (frame,) = heard(client, b"t0200\r", 9.5)
+    (frame,) = received_frames(client, b"t0200\r", 9.5)
     assert frame.received_at == 9.5
 
 
@@ -152,8 +152,8 @@ def test_a_client_takes_frames_with_and_without_a_time_stamp() -> None:
         b"x" * 5000,
     ],
 )
-def test_a_client_counts_garbage_and_takes_the_next_frame(garbage: bytes) -> None:
+def test_client_counts_garbage_and_accepts_the_next_frame(garbage: bytes) -> None:
     client = SlcanClient()
-    assert heard(client, garbage) == []
-    assert heard(client, b"\rt0200\r") == [CanFrame(0x020)]
+    assert received_frames(client, garbage) == []
+    assert received_frames(client, b"\rt0200\r") == [CanFrame(0x020)]
     assert client.malformed == 1

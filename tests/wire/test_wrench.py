@@ -1,4 +1,4 @@
-"""Properties of sensors of every make: their facts, the wrench of a frame, and a zero of the host's."""
+"""Properties common to all sensors: their facts, the wrench of a frame, and a host zero."""
 
 from dataclasses import replace
 from typing import Any
@@ -38,12 +38,12 @@ def test_values_times_scales_are_newtons() -> None:
         ({"tares": "robot"}, "tares of a sensor must be device or host, got 'robot'"),
     ],
 )
-def test_facts_that_cannot_be_are_refused(changes: dict[str, Any], message: str) -> None:
+def test_invalid_facts_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         replace(FACTS, **changes)
 
 
-def test_a_host_zero_is_the_mean_of_the_samples_behind_the_question() -> None:
+def test_host_zero_is_the_mean_of_the_samples_after_the_request() -> None:
     tare = HostTare(samples=2)
     assert (tare.values(SIX), tare.took) == (SIX, False)
     tare.zero()
@@ -52,7 +52,7 @@ def test_a_host_zero_is_the_mean_of_the_samples_behind_the_question() -> None:
     assert (tare.values(SIX), tare.took) == ((-1.0, 0.0, 1.0, 2.0, 3.0, 4.0), False)
 
 
-def test_a_second_host_zero_replaces_the_first() -> None:
+def test_second_host_zero_replaces_the_first() -> None:
     tare = HostTare()
     for raw in (2.0, 5.0):
         tare.zero()
@@ -61,7 +61,7 @@ def test_a_second_host_zero_replaces_the_first() -> None:
     assert tare.values((6.0,) * 6) == (1.0,) * 6
 
 
-def test_a_host_zero_asked_for_again_begins_anew() -> None:
+def test_host_zero_requested_again_restarts() -> None:
     tare = HostTare(samples=2)
     tare.zero()
     tare.values((100.0,) * 6)
@@ -72,7 +72,7 @@ def test_a_host_zero_asked_for_again_begins_anew() -> None:
 
 
 @given(st.lists(st.tuples(*[st.integers(-1000, 1000)] * 6), min_size=1, max_size=5))
-def test_samples_that_made_a_host_zero_are_0_on_the_mean(samples: list[tuple[int, ...]]) -> None:
+def test_samples_of_a_host_zero_average_to_0(samples: list[tuple[int, ...]]) -> None:
     tare = HostTare(len(samples))
     tare.zero()
     for raw in samples:
@@ -82,6 +82,6 @@ def test_samples_that_made_a_host_zero_are_0_on_the_mean(samples: list[tuple[int
         assert sum(axis) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_host_zero_needs_a_sample() -> None:
+def test_host_zero_needs_a_sample() -> None:
     with pytest.raises(ValueError, match="a zero needs at least 1 sample, got 0"):
         HostTare(0)

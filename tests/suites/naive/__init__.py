@@ -1,1 +1,1 @@
-"""Small complete implementations, as another person would write them; each can be given a mistake by its name."""
+"""Small complete implementations, as a third party would write them; each can contain a named mistake."""

@@ -1,4 +1,4 @@
-"""An integral controller in thirty lines."""
+"""Integral controller in thirty lines."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +10,7 @@ MISTAKES = ("sign", "self", "nan", "lost", "windup")
 
 @dataclass(frozen=True)
 class NaiveController:
-    """Moves by the error times a gain, and remembers a bounded part of it."""
+    """Controller that moves by the error times a gain, with a bounded integral."""
 
     gain_m_n: float = 2e-5
     mistake: str = ""

@@ -1,4 +1,4 @@
-"""A link to a robot that is guided by EGM, written from the seam alone: it shares the codec with ours, nothing else."""
+"""Robot link by EGM, implemented from the interface alone: it shares only the codec with the built-in link."""
 
 import asyncio
 import math
@@ -36,9 +36,9 @@ class NaiveSettings:
     mistake: str = ""
 
 
-def to_pose(place: PoseMm) -> Pose:
-    x, y, z = (one / 1000.0 for one in place.position_mm)
-    return Pose((x, y, z), place.quaternion)
+def to_pose(pose: PoseMm) -> Pose:
+    x, y, z = (one / 1000.0 for one in pose.position_mm)
+    return Pose((x, y, z), pose.quaternion)
 
 
 def fault_of(message: RobotMessage) -> str:
@@ -49,7 +49,7 @@ def fault_of(message: RobotMessage) -> str:
     if message.guidance != Guidance.RUNNING:
         return "it is not guided; start the program"
     if message.feedback is None or message.feedback.pose is None:
-        return "it tells no pose"
+        return "it reports no pose"
     wrong = pose_fault(to_pose(message.feedback.pose))
     return f"it tells {wrong}" if wrong else ""
 
@@ -150,10 +150,10 @@ class NaiveLink:
 
     def _take(self, message: RobotMessage) -> None:
         now, fault = self.clock.now(), fault_of(message)
-        place = message.feedback.pose if message.feedback is not None else None
-        pose = self.newest.pose if place is None else to_pose(place)
-        if self.mistake == "mm" and place is not None:
-            pose = Pose(place.position_mm, place.quaternion)
+        reported = message.feedback.pose if message.feedback is not None else None
+        pose = self.newest.pose if reported is None else to_pose(reported)
+        if self.mistake == "mm" and reported is not None:
+            pose = Pose(reported.position_mm, reported.quaternion)
         if self.mistake == "sign":
             w, i, j, k = pose.quaternion
             pose = Pose(pose.position, (w, -i, -j, -k))
@@ -231,7 +231,7 @@ class NaiveLink:
         return self.newest
 
     async def release(self, report: RobotReport) -> None:
-        """Nothing is left open."""
+        """Do nothing: no resource is open."""
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[NaiveMotion]:
@@ -248,12 +248,12 @@ class NaiveLink:
 
 
 def nearer(pose: Pose, target: Pose, step: float) -> Pose:
-    """A pose on the way, `step` m further."""
-    way = math.dist(pose.position, target.position)
+    """Return a pose on the path, `step` m farther."""
+    distance = math.dist(pose.position, target.position)
     q = pose.quaternion
     flip = 1.0 if sum(a * b for a, b in zip(q, target.quaternion, strict=True)) >= 0.0 else -1.0
     angle = 2.0 * math.dist(q, [flip * one for one in target.quaternion])
-    share = max(way / step, angle / 0.002)
+    share = max(distance / step, angle / 0.002)
     if share <= 1.0:
         return target
     x, y, z = (a + (b - a) / share for a, b in zip(pose.position, target.position, strict=True))

@@ -1,4 +1,4 @@
-"""A client for the stream of a Robotiq FT 300, in eighty lines. The sensor streams from its power-up."""
+"""Client of the Robotiq FT 300 stream, in eighty lines. The sensor streams from power-up."""
 
 import struct
 from collections import deque
@@ -54,20 +54,20 @@ class NaiveSensorClient:
 
     def receive(self, data: bytes, now: float) -> None:
         if self._mistake == "split" and not data.startswith(b"\x20\x4e"):
-            self._kept = b"" if len(data) > 2 else self._kept + data  # a piece is taken for noise
+            self._kept = b"" if len(data) > 2 else self._kept + data  # a fragment is treated as noise
         else:
             self._kept += data
         while len(self._kept) >= SIZE:
             message = self._kept[:SIZE]
-            whole = int.from_bytes(message[14:], "little") == crc16(message[:14])
-            if message.startswith(b"\x20\x4e") and (whole or self._mistake == "check"):
-                self._tell(struct.unpack("<6h", message[2:14]), now)
+            is_valid = int.from_bytes(message[14:], "little") == crc16(message[:14])
+            if message.startswith(b"\x20\x4e") and (is_valid or self._mistake == "check"):
+                self._publish(struct.unpack("<6h", message[2:14]), now)
                 self._kept = self._kept[SIZE:]
             else:
                 self.statistics.malformed += 1
                 self._kept = self._kept[1:]
 
-    def _tell(self, counts: tuple[int, ...], now: float) -> None:
+    def _publish(self, counts: tuple[int, ...], now: float) -> None:
         if not self._count:
             self._events.append(SensorReady(FACTS))
         self._count += 1
@@ -98,7 +98,7 @@ class NaiveSensorClient:
         return self._repeat_at
 
     def handle_deadline(self, now: float) -> None:
-        """With a mistake: the control wants a frame every 20 ms, so it gets one."""
+        """Planted mistake: since the control requires a frame every 20 ms, invent one."""
         if self._repeat_at is not None and now >= self._repeat_at:
             self._repeat_at = now + 0.02
             self._count += 1
@@ -109,7 +109,7 @@ class NaiveSensorClient:
         self._taking = True
 
     def stop(self) -> None:
-        """It streams for the next one."""
+        """Leave the sensor streaming for the next client."""
         self._repeat_at = None
         self._events.append(SensorStopped())
 

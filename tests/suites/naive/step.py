@@ -1,4 +1,4 @@
-"""A step that presses and goes in a circle, in forty lines."""
+"""Step that presses while it moves in a circle, in forty lines."""
 
 import math
 import time
@@ -27,7 +27,7 @@ MISTAKES = (
 
 @dataclass(frozen=True, slots=True)
 class NaiveStep(LedStep):
-    """Press, and go in a circle."""
+    """Step that presses while it moves in a circle."""
 
     do: Literal["naive"] = "naive"
     radius_mm: float = 3.0

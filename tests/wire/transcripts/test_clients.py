@@ -1,6 +1,7 @@
-"""Sessions of clients that other people wrote, replayed: at our emulated devices, and through our decoders.
+"""Recorded sessions of third-party clients, replayed against our emulated devices and through our decoders.
 
-Nothing of ours has made the bytes of the client. What it read out of our device's bytes it tells in its own words.
+The bytes of the client are not produced by our code. The values that it read from our device's bytes are in its own
+output.
 """
 
 from itertools import pairwise
@@ -43,7 +44,7 @@ def of(device):
 
 
 @pytest.mark.parametrize("name", TRANSCRIPTS)
-def test_the_emulated_device_says_every_byte_again(name):
+def test_emulated_device_repeats_every_byte(name):
     transcript = TRANSCRIPTS[name]
     assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
 
@@ -58,18 +59,18 @@ def test_every_session_has_its_transcript_with_the_pinned_client():
 
 
 @pytest.mark.parametrize("data", [b"", b"GET /\r\n", b'"', b"\x00\xff", bytes(range(256))])
-def test_data_stand_in_a_file_as_they_are(data):
+def test_data_files_are_stored_unchanged(data):
     assert octets(written(data)) == data
 
 
-def test_a_file_holds_all_of_a_transcript(tmp_path):
+def test_file_holds_all_of_a_transcript(tmp_path):
     for transcript in TRANSCRIPTS.values():
         write(transcript, tmp_path / "again")
         assert read(tmp_path / "again") == transcript
 
 
-def test_a_byte_that_the_client_did_not_send_is_noticed():
-    """The devices answer to what they hear, so that a replay is no mere repetition."""
+def test_unexpected_client_byte_is_detected():
+    """The devices answer what they receive, so a replay is more than a repetition."""
     transcript = TRANSCRIPTS["netft-netft"]
     steps = [step._replace(data=step.data[:-1] + b"\3") if step.data else step for step in transcript.steps]
     spoilt = type(transcript)(transcript.head, steps)
@@ -81,9 +82,11 @@ def test_a_byte_that_the_client_did_not_send_is_noticed():
 
 @of("egm")
 def test_egm_is_read_as_the_client_reads_it(name):
-    told = {message.seqno: message for message in map(decode_robot, TRANSCRIPTS[name].made_by(DEVICE, "egm"))}
+    reports = {
+        message.seqno: message for message in map(decode_robot, TRANSCRIPTS[name].made_by(DEVICE, "egm"))
+    }
     for read_there in TRANSCRIPTS[name].reads:
-        place = told[read_there["seqno"]].feedback
+        place = reports[read_there["seqno"]].feedback
         assert list(place.pose.position_mm) == read_there["position_mm"]
         assert list(place.pose.quaternion) == read_there["quaternion"]
         assert list(place.joints_deg) == read_there["joints_deg"]
@@ -114,24 +117,24 @@ def packets(transcript, side, wire):
     for step in transcript.steps:
         if (step.side, step.wire) == (side, wire):
             reader.feed(step.data)
-    found = []
+    result = []
     while (packet := reader.next_packet()) is not None:
-        found.append(packet)
+        result.append(packet)
     assert reader.waiting == 0
-    return found
+    return result
 
 
-def test_ur_rtde_asks_for_what_we_read_and_reads_what_we_say():
+def test_ur_rtde_requests_match_and_our_replies_are_read():
     transcript = TRANSCRIPTS["rtde-ur-rtde"]
-    asked, told = (packets(transcript, side, "rtde-1") for side in (CLIENT, DEVICE))
-    assert read_version_request(asked[0].payload) == 2
-    (outputs,) = (packet for packet in asked if packet.kind == Kind.OUTPUTS)
+    requests, reports = (packets(transcript, side, "rtde-1") for side in (CLIENT, DEVICE))
+    assert read_version_request(requests[0].payload) == 2
+    (outputs,) = (packet for packet in requests if packet.kind == Kind.OUTPUTS)
     frequency, names = read_outputs_request(outputs.payload)
     assert frequency == 25.0
     assert names[:3] == ("timestamp", "actual_TCP_pose", "actual_q")
-    (types,) = (read_types(packet.payload) for packet in told if packet.kind == Kind.OUTPUTS)
+    (types,) = (read_types(packet.payload) for packet in reports if packet.kind == Kind.OUTPUTS)
     recipe = Recipe(types.recipe, names, types.types)
-    values = [recipe.values(recipe.unpack(packet.payload)) for packet in told if packet.kind == Kind.DATA]
+    values = [recipe.values(recipe.unpack(packet.payload)) for packet in reports if packet.kind == Kind.DATA]
     assert values[1]["timestamp"] - values[0]["timestamp"] == pytest.approx(0.04)
     keys = transcript.reads[0].keys()
     rows = [[list(one) if isinstance(one, tuple) else one for one in map(row.get, keys)] for row in values]
@@ -140,19 +143,19 @@ def test_ur_rtde_asks_for_what_we_read_and_reads_what_we_say():
 
 
 def inputs(transcript, wire):
-    """The inputs that the client has set, each package as values by name."""
-    asked, told = (packets(transcript, side, wire) for side in (CLIENT, DEVICE))
-    requests = [split_names(packet.payload) for packet in asked if packet.kind == Kind.INPUTS]
-    types = [read_types(packet.payload) for packet in told if packet.kind == Kind.INPUTS]
+    """Return the inputs that the client has set, each package as values by name."""
+    sent, reports = (packets(transcript, side, wire) for side in (CLIENT, DEVICE))
+    requests = [split_names(packet.payload) for packet in sent if packet.kind == Kind.INPUTS]
+    types = [read_types(packet.payload) for packet in reports if packet.kind == Kind.INPUTS]
     recipes = {
         answer.recipe: Recipe(answer.recipe, names, answer.types)
         for names, answer in zip(requests, types, strict=True)
     }
-    data = [packet.payload for packet in asked if packet.kind == Kind.DATA]
+    data = [packet.payload for packet in sent if packet.kind == Kind.DATA]
     return [recipes[payload[0]].values(recipes[payload[0]].unpack(payload)) for payload in data]
 
 
-def test_what_ur_rtde_sets_is_understood():
+def test_ur_rtde_inputs_are_decoded():
     transcript = TRANSCRIPTS["rtde-ur-rtde"]
     values = inputs(transcript, "rtde-2")
     slider, output = transcript.sends
@@ -160,7 +163,7 @@ def test_what_ur_rtde_sets_is_understood():
     assert any(row.items() >= {**output, "standard_digital_output_mask": 2}.items() for row in values)
 
 
-def test_a_servoing_ur_rtde_is_understood_and_its_text_is_not_kept():
+def test_servoing_ur_rtde_is_decoded_and_its_text_dropped():
     transcript = TRANSCRIPTS["rtde-ur-rtde-control"]
     values = inputs(transcript, "rtde-1")
     numbers = [f"input_double_register_{number}" for number in range(6)]
@@ -174,8 +177,12 @@ def test_a_servoing_ur_rtde_is_understood_and_its_text_is_not_kept():
 
 def test_ur_rtde_reads_the_dashboard():
     transcript = TRANSCRIPTS["rtde-ur-rtde"]
-    said = b"".join(transcript.made_by(DEVICE, "dashboard")).decode().splitlines()
-    assert transcript.reads[-1] == {"robotmode": said[1], "safetymode": said[2], "running": "true" in said[3]}
+    output = b"".join(transcript.made_by(DEVICE, "dashboard")).decode().splitlines()
+    assert transcript.reads[-1] == {
+        "robotmode": output[1],
+        "safetymode": output[2],
+        "running": "true" in output[3],
+    }
 
 
 # --- Net F/T
@@ -206,17 +213,17 @@ def test_netft_is_read_as_the_other_client_reads_it():
 
 
 def test_requests_of_both_clients_are_understood():
-    asked = {
+    requests = {
         name: [decode_rdt(data) for data in TRANSCRIPTS[name].made_by(CLIENT, "rdt")]
         for name in ("netft-netft", "netft-pynetft")
     }
-    assert [(request.command, request.records) for request in asked["netft-netft"]] == [
+    assert [(request.command, request.records) for request in requests["netft-netft"]] == [
         *[(Command.START, 1)] * 3,
         (Command.START, 0),
         (Command.STOP, 0),
     ]
-    assert asked["netft-pynetft"][0].command == Command.START
-    assert asked["netft-pynetft"][-1].command == Command.STOP
+    assert requests["netft-pynetft"][0].command == Command.START
+    assert requests["netft-pynetft"][-1].command == Command.STOP
 
 
 # --- FT 300
@@ -224,19 +231,19 @@ def test_requests_of_both_clients_are_understood():
 
 def test_ft300_is_read_as_ft300python_reads_it():
     transcript = TRANSCRIPTS["ft300-ft300python"]
-    words = dict(answers(transcript))
+    registers = dict(answers(transcript))
     messages = StreamReader().feed(b"".join(transcript.made_by(DEVICE, "serial")))
     streamed = [scaled(counts) for counts in messages]
     for row in transcript.reads:
         if "streamed" in row:
             assert pytest.approx(row["streamed"]) in streamed
-    told = {
-        "asked": scaled(map(signed, words["asked"])),
-        "serial": list(words["serial"]),
-        "year": words["year"][0],
-        "acceleration": [signed(word) / 1000 for word in words["acceleration"]],
+    reports = {
+        "asked": scaled(map(signed, registers["asked"])),
+        "serial": list(registers["serial"]),
+        "year": registers["year"][0],
+        "acceleration": [signed(word) / 1000 for word in registers["acceleration"]],
     }
-    assert [*told.items()] == [
+    assert [*reports.items()] == [
         pair for row in transcript.reads for pair in row.items() if "streamed" not in row
     ]
 
@@ -246,16 +253,16 @@ def scaled(counts):
 
 
 def answers(transcript):
-    """The questions of the client by Modbus, with the words of our answers."""
+    """Return the client's Modbus requests, with the registers in our responses."""
     steps = [step for step in transcript.steps if step.data]
-    asked = [
+    requests = [
         (step.data, after.data)
         for step, after in pairwise(steps)
         if step.side == CLIENT and after.data[0] == 9
     ]
     reads = [
         (decode_request(question), answer)
-        for question, answer in asked
+        for question, answer in requests
         if request_size(question) == len(question)
     ]
     names = ("asked", "serial", "year", "acceleration")
@@ -271,28 +278,28 @@ def answers(transcript):
 
 def test_rsi_is_read_and_understood_as_rsipi_does():
     transcript = TRANSCRIPTS["rsi-rsipi"]
-    told = [decode(data) for data in transcript.made_by(DEVICE, "rsi")]
+    reports = [decode(data) for data in transcript.made_by(DEVICE, "rsi")]
     answered = [decode(data) for data in transcript.made_by(CLIENT, "rsi")]
     assert {telegram.root for telegram in answered} == {"Sen"}
     assert {telegram.type for telegram in answered} == {"ImFree"}
-    assert {telegram.ipoc for telegram in answered} <= {telegram.ipoc for telegram in told}
+    assert {telegram.ipoc for telegram in answered} <= {telegram.ipoc for telegram in reports}
     corrections = {tuple(float(telegram.values[tag]) for tag in pose_tags("RKorr")) for telegram in answered}
     (sent,) = transcript.sends
     assert corrections == {(0.0,) * 6, (sent["X"], 0.0, sent["Z"], 0.0, 0.0, 0.0)}
     (read_there,) = transcript.reads
     for element, values in read_there.items():
         assert list(values.values()) in [
-            [float(telegram.values[tag]) for tag in pose_tags(element)] for telegram in told
+            [float(telegram.values[tag]) for tag in pose_tags(element)] for telegram in reports
         ]
 
 
-def test_corrections_of_rsipi_move_the_emulated_robot_by_their_sum():
+def test_corrections_of_rsipi_move_the_emulated_robot_by_the_sum():
     transcript = TRANSCRIPTS["rsi-rsipi"]
     answered = [decode(data) for data in transcript.made_by(CLIENT, "rsi")]
     last = decode(transcript.made_by(DEVICE, "rsi")[-1])
-    taken = sum(float(telegram.values["RKorr.Z"]) for telegram in answered)
-    assert 600.0 + taken == pytest.approx(float(last.values["RIst.Z"]), abs=0.03)
+    total = sum(float(telegram.values["RKorr.Z"]) for telegram in answered)
+    assert 600.0 + total == pytest.approx(float(last.values["RIst.Z"]), abs=0.03)
 
 
-def test_a_step_tells_its_time():
+def test_step_reports_its_time():
     assert Step(12.5, CLIENT, "egm").now == pytest.approx(4321.0125)

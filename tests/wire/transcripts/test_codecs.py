@@ -1,7 +1,7 @@
-"""Every codec reads random, broken and whole bytes as it did before its fields stood in a table.
+"""Every codec decodes random, broken and complete bytes as it did before its fields were in a table.
 
-`codecs.jsonl` was written by the codecs of then: name, bytes, and the values or the words of the refusal. Among its
-bytes are whole messages, such with one bit or letter changed, such that were cut, and random ones.
+`codecs.jsonl` was written by the codecs of that time: name, bytes, and the values or the text of the refusal. Its bytes
+include complete messages, messages with one bit or letter changed, truncated ones, and random ones.
 """
 
 import enum
@@ -59,7 +59,7 @@ LINES = [
 
 
 def plain(value: Any) -> Any:
-    """A value as the transcript has it: numbers with all their digits, tuples as lists."""
+    """Return a value in the format of the transcript: numbers with all their digits, tuples as lists."""
     if isinstance(value, tuple):
         return [plain(each) for each in value]
     if isinstance(value, Mapping):
@@ -70,7 +70,7 @@ def plain(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_a_codec_reads_what_it_read_before(name: str) -> None:
+def test_codec_decodes_as_before(name: str) -> None:
     mine = [line for line in LINES if line[0] == name]
     assert len(mine) == 14
     for _, data, expected in mine:

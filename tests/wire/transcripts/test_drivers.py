@@ -1,12 +1,11 @@
-"""Sessions of compiled drivers that other people wrote, replayed: at our emulated devices, and through our decoders.
+"""Recorded sessions of compiled third-party drivers, replayed against our emulated devices and through our decoders.
 
-Their sources were compiled outside of this project. The KUKA's drivers, with stubs for ROS, swing three axes by a sine
-of 10°, counted from the axes of the start; some 60 cycles of each are kept. KUKA's own client library reads telegrams
-by the place of each character, and ends with its stop. FZI's driver has a thread of its own for the wire. Universal
-Robots' C++ client library is called by programs of ours. In place of its own program for the controller stands ours,
-which goes by the same messages. Their client in Python records seven samples with its own configuration. ABB's managers
-for a driver guide by joints: axis 1 at 0.1 rad/s, ordered by a program of ours. What a driver read and sent it tells in
-its own numbers.
+Their sources were compiled outside of this project. The KUKA drivers, with stubs for ROS, move three axes in a sine of
+10° about their start; some 60 cycles of each are kept. KUKA's own client library reads telegrams by the position of
+each character, and ends with its stop. FZI's driver has a separate thread for the wire. Universal Robots' C++ client
+library is called by programs of ours. Its own program for the controller is replaced by ours, which uses the same
+messages. Their client in Python records seven samples with its own configuration. ABB's managers for a driver guide by
+joints: axis 1 at 0.1 rad/s, ordered by a program of ours. What a driver read and sent is in its own output.
 """
 
 import json
@@ -51,15 +50,15 @@ MANAGERS = read(FOLDER / "egm-abb-egm-rws-managers.txt")
 
 
 @pytest.mark.parametrize("transcript", [DRIVER, SDK, FZI])
-def test_the_emulated_kuka_says_every_byte_to_a_driver_of_axes_again(transcript: Transcript) -> None:
+def test_emulated_kuka_repeats_every_byte_to_an_axis_driver(transcript: Transcript) -> None:
     assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
 
 
 def test_axes_are_read_and_understood_as_the_driver_does() -> None:
-    told = [decode(data) for data in DRIVER.made_by(DEVICE, "rsi")]
+    reports = [decode(data) for data in DRIVER.made_by(DEVICE, "rsi")]
     answered = [decode(data) for data in DRIVER.made_by(CLIENT, "rsi")]
-    assert [telegram.ipoc for telegram in answered] == [telegram.ipoc for telegram in told]
-    rows = zip(told[1:], answered[1:], DRIVER.reads, DRIVER.sends, strict=True)
+    assert [telegram.ipoc for telegram in answered] == [telegram.ipoc for telegram in reports]
+    rows = zip(reports[1:], answered[1:], DRIVER.reads, DRIVER.sends, strict=True)
     for robot, client, values, corrections in rows:
         axes = [float(robot.values[tag]) for tag in axis_tags("AIPos")]
         assert axes == pytest.approx(values["positions_deg"], abs=1e-6)
@@ -67,40 +66,40 @@ def test_axes_are_read_and_understood_as_the_driver_does() -> None:
         assert sent == pytest.approx(corrections["corrections_deg"], abs=2e-6)
 
 
-def test_the_emulated_arm_comes_along_with_the_driver() -> None:
-    told = [decode(data) for data in DRIVER.made_by(DEVICE, "rsi")]
+def test_emulated_arm_follows_the_driver() -> None:
+    reports = [decode(data) for data in DRIVER.made_by(DEVICE, "rsi")]
     start, end = (
-        [float(telegram.values[tag]) for tag in axis_tags("AIPos")] for telegram in (told[0], told[-1])
+        [float(telegram.values[tag]) for tag in axis_tags("AIPos")] for telegram in (reports[0], reports[-1])
     )
     behind = DRIVER.sends[-12]["corrections_deg"]
-    moved = [there - here for there, here in zip(end, start, strict=True)]
-    assert moved[:3] == pytest.approx(behind[:3], abs=0.15)
-    assert min(map(abs, moved[:3])) > 2.0
-    assert all(telegram.values["Delay.D"] == "0" for telegram in told)
+    motion = [there - here for there, here in zip(end, start, strict=True)]
+    assert motion[:3] == pytest.approx(behind[:3], abs=0.15)
+    assert min(map(abs, motion[:3])) > 2.0
+    assert all(telegram.values["Delay.D"] == "0" for telegram in reports)
 
 
 def telegrams(transcript: Transcript, side: str) -> dict[int, Mapping[str, str]]:
-    """Values of the telegrams of a side by their clock, read by our decoder."""
-    found = [decode(data) for data in transcript.made_by(side, "rsi")]
-    return {telegram.ipoc: telegram.values for telegram in found}
+    """Return the values of one side's telegrams by their clock, read by our decoder."""
+    result = [decode(data) for data in transcript.made_by(side, "rsi")]
+    return {telegram.ipoc: telegram.values for telegram in result}
 
 
 def values(telegram: Mapping[str, str], tags: Sequence[str]) -> list[float]:
     return [float(telegram[tag]) for tag in tags]
 
 
-def test_the_makers_client_library_finds_each_number_by_its_place_in_the_telegram() -> None:
-    told, answered = telegrams(SDK, DEVICE), telegrams(SDK, CLIENT)
+def test_vendor_library_reads_each_number_by_its_position() -> None:
+    reports, answered = telegrams(SDK, DEVICE), telegrams(SDK, CLIENT)
     assert len(SDK.reads) == len(SDK.sends) == 60
     for row, sent in zip(SDK.reads, SDK.sends, strict=True):
-        telegram, answer = told[row["ipoc"]], answered[row["ipoc"]]
+        telegram, answer = reports[row["ipoc"]], answered[row["ipoc"]]
         assert values(telegram, axis_tags("AIPos")) == pytest.approx(row["positions_deg"], abs=1e-6)
         assert values(telegram, pose_tags("RIst")) == pytest.approx(row["pose"], abs=1e-6)
         assert int(telegram["Delay.D"]) == row["delay"] == 0
         assert values(answer, axis_tags("AK")) == pytest.approx(sent["corrections_deg"], abs=2e-6)
 
 
-def test_the_makers_client_library_stops_the_program_and_nothing_is_said_any_more() -> None:
+def test_vendor_library_stops_the_program_and_the_wire_is_silent() -> None:
     *before, (stopped_at, last) = telegrams(SDK, CLIENT).items()
     assert {answer["Stop"] for _, answer in before} == {"0"}
     assert last["Stop"] == "1"
@@ -114,11 +113,11 @@ def test_the_makers_client_library_stops_the_program_and_nothing_is_said_any_mor
     assert list(stage.advance(SDK.steps[-1].now + 1.0)) == []
 
 
-def test_the_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
-    told, answered = telegrams(FZI, DEVICE), telegrams(FZI, CLIENT)
+def test_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
+    reports, answered = telegrams(FZI, DEVICE), telegrams(FZI, CLIENT)
     assert len(FZI.reads) > 30
     for row in FZI.reads:
-        telegram = told[row["ipoc"]]
+        telegram = reports[row["ipoc"]]
         assert values(telegram, axis_tags("AIPos")) == pytest.approx(row["positions"], abs=1e-6)
         assert values(telegram, ["ProgStatus.R", "OvPro.R"]) == [row["status"], row["override"]] == [3, 100]
         assert int(telegram["Delay.D"]) == row["delay"] == 0
@@ -131,7 +130,7 @@ def test_the_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
 # --- ABB's managers
 
 
-def told_joints(robot: RobotMessage) -> Sequence[float]:
+def reported_joints(robot: RobotMessage) -> Sequence[float]:
     assert robot.feedback is not None
     assert robot.feedback.joints_deg is not None
     return robot.feedback.joints_deg
@@ -143,19 +142,21 @@ def joints_ordered(data: bytes) -> SensorMessage:
     return answer
 
 
-def test_the_emulated_abb_says_every_byte_to_a_driver_of_joints_again() -> None:
+def test_emulated_abb_repeats_every_byte_to_a_joint_driver() -> None:
     assert replayed(MANAGERS) == [step for step in MANAGERS.steps if step.side == DEVICE]
 
 
-def test_joints_of_an_abb_are_read_and_understood_as_its_managers_do() -> None:
-    """The first message the library answers itself, by the joints that it was told."""
-    told = [decode_robot(data) for data in MANAGERS.made_by(DEVICE, "egm")]
+def test_abb_joints_are_decoded_as_by_its_managers() -> None:
+    """The library answers the first message itself, with the joints reported to it."""
+    reports = [decode_robot(data) for data in MANAGERS.made_by(DEVICE, "egm")]
     answered = [joints_ordered(data) for data in MANAGERS.made_by(CLIENT, "egm")]
     assert len(answered) == len(MANAGERS.reads) == len(MANAGERS.sends) == 24
-    for robot, values in zip(told[1:], MANAGERS.reads[1:], strict=False):
+    for robot, values in zip(reports[1:], MANAGERS.reads[1:], strict=False):
         assert (robot.seqno, robot.guidance) == (values["seqno"], Guidance.RUNNING)
-        assert list(map(math.radians, told_joints(robot))) == pytest.approx(values["joints_rad"], abs=1e-12)
-    assert answered[0].joints_deg == pytest.approx(told_joints(told[0]), abs=1e-9)
+        assert list(map(math.radians, reported_joints(robot))) == pytest.approx(
+            values["joints_rad"], abs=1e-12
+        )
+    assert answered[0].joints_deg == pytest.approx(reported_joints(reports[0]), abs=1e-9)
     for answer, values in zip(answered[1:], MANAGERS.sends[1:], strict=True):
         assert list(map(math.radians, answer.joints_deg or ())) == pytest.approx(
             values["joints_rad"], abs=1e-12
@@ -164,8 +165,8 @@ def test_joints_of_an_abb_are_read_and_understood_as_its_managers_do() -> None:
         assert speeds == pytest.approx(values["speeds_rad_s"], abs=1e-12)
 
 
-def test_the_emulated_abb_comes_along_with_its_managers() -> None:
-    joints = [told_joints(decode_robot(data)) for data in MANAGERS.made_by(DEVICE, "egm")]
+def test_emulated_abb_follows_its_managers() -> None:
+    joints = [reported_joints(decode_robot(data)) for data in MANAGERS.made_by(DEVICE, "egm")]
     assert all(after[0] >= before[0] for before, after in pairwise(joints))
     assert joints[-1][0] > joints[0][0] + 0.01
     assert joints[-1][1:] == pytest.approx(joints[0][1:], abs=0.05), "the loops act on the place of the tool"
@@ -181,7 +182,7 @@ TURNS = (
 
 
 def turned_axes(values: dict[str, float]) -> dict[str, float]:
-    """Rotation vectors taken out of values, as the x and z axes that they turn: a half turn has two vectors."""
+    """Return rotation vectors as the x and z axes that they rotate: a half turn has two vectors."""
     axes: dict[str, float] = {}
     for names in TURNS:
         if names[0] in values:
@@ -193,15 +194,15 @@ def turned_axes(values: dict[str, float]) -> dict[str, float]:
 
 
 Reading = tuple[Step, dict[str, float]]
-"""A step without the values in it, and these by name."""
+"""A step without its values, and the values by name."""
 
 
-def readings(transcript: Transcript, said: Sequence[Step]) -> list[Reading]:
-    """What the device says, with the numbers of its states apart."""
+def readings(transcript: Transcript, steps: Sequence[Step]) -> list[Reading]:
+    """Return the device's output, with its state numbers separate."""
     recipes: dict[str, Recipe] = {}
-    asked = [step for step in transcript.steps if step.side == CLIENT and step.data[2:3] == b"O"]
+    requests = [step for step in transcript.steps if step.side == CLIENT and step.data[2:3] == b"O"]
     rows = []
-    for step in said:
+    for step in steps:
         wire, rest, values = step.wire, b"", dict[str, float]()
         match wire.partition("-")[0]:
             case "rtde":
@@ -210,8 +211,8 @@ def readings(transcript: Transcript, said: Sequence[Step]) -> list[Reading]:
                 while (packet := reader.next_packet()) is not None:
                     if packet.kind == Kind.OUTPUTS:
                         types = read_types(packet.payload)
-                        request = next(step for step in asked if step.wire == wire)
-                        asked.remove(request)
+                        request = next(step for step in requests if step.wire == wire)
+                        requests.remove(request)
                         names = read_outputs_request(request.data[3:])[1]
                         recipes[wire] = Recipe(types.recipe, names, types.types)
                     if packet.kind == Kind.DATA:
@@ -249,17 +250,17 @@ NOISE = (
 own force lay along the base, and the payload that a client sets did not act on it.
 """
 NEAR = 2e-3
-"""The same of all others, which a joint goes in a cycle."""
+"""The same for all other values, which a joint moves in one cycle."""
 
 
 def is_near(name: str, value: float, recorded: float) -> bool:
-    """Whether a value is the recorded one, but for its noise and a cycle."""
+    """Return whether a value equals the recorded one, within its noise and one cycle."""
     return abs(value - recorded) <= next((apart for part, apart in NOISE if part in name), NEAR)
 
 
 @pytest.mark.parametrize("transcript", [CONTROL, PRIMARY, PYTHON])
-def test_the_emulated_controller_says_the_same_to_the_client_library_again(transcript: Transcript) -> None:
-    """To the byte, but for what it measures: its joints had no noise then, and stood where their targets were."""
+def test_emulated_controller_repeats_its_bytes_to_the_library(transcript: Transcript) -> None:
+    """Byte for byte, except for measured values: its joints had no noise then, and were at their targets."""
     recorded = readings(transcript, [step for step in transcript.steps if step.side == DEVICE])
     again = readings(transcript, replayed(transcript))
     assert [step for step, _ in again] == [step for step, _ in recorded]
@@ -286,7 +287,7 @@ def test_each_service_of_the_client_is_connected_to_in_its_order() -> None:
     assert text == b"stop program\ndef externalControl():\n# 127.0.0.1\nend\n", "its own program is not kept"
 
 
-def test_orders_of_the_client_library_are_read_as_it_was_told_to_send_them() -> None:
+def test_orders_of_the_client_library_are_decoded_as_sent() -> None:
     orders = list(read_orders(joined(CONTROL, CLIENT, "reverse")))
     sent = [
         (key, values) for row in CONTROL.sends for key, values in row.items() if key[:5] in ("servo", "speed")
@@ -300,7 +301,7 @@ def test_orders_of_the_client_library_are_read_as_it_was_told_to_send_them() -> 
     assert rest == [(Mode.IDLE, 0), *starts, (Mode.FORWARD, Forward.CANCEL), (Mode.STOPPED, 0)]
 
 
-def test_points_of_the_client_library_are_read_and_their_results_are_its_own() -> None:
+def test_points_of_the_client_library_are_decoded_with_results() -> None:
     points = list(read_points(joined(CONTROL, CLIENT, "trajectory")))
     assert [(point.kind, point.time) for point in points] == [
         (Motion.MOVEJ, 0.2),
@@ -340,7 +341,7 @@ def test_commands_of_the_client_library_are_read() -> None:
 
 
 def rows_of(transcript: Transcript) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
-    """Names of the outputs that a client asked for, and their values in each package, read by our decoders."""
+    """Return the names of the requested outputs, and their values in each package, read by our decoders."""
     reader = Reader()
     names: tuple[str, ...] = ()
     rows = []
@@ -359,7 +360,7 @@ def rows_of(transcript: Transcript) -> tuple[tuple[str, ...], list[dict[str, Any
     return names, rows
 
 
-def test_the_client_in_python_reads_the_outputs_of_its_own_configuration_as_we_do() -> None:
+def test_python_client_reads_its_configured_outputs_as_we_do() -> None:
     names, rows = rows_of(PYTHON)
     assert len(names) == 32
     assert len(PYTHON.reads) == 7
@@ -373,20 +374,20 @@ def test_the_client_in_python_reads_the_outputs_of_its_own_configuration_as_we_d
         assert read_row == pytest.approx(ours, abs=1e-9)
 
 
-def test_the_client_library_reads_the_joints_and_the_dashboard_as_we_do() -> None:
+def test_client_library_reads_joints_and_dashboard_as_we_do() -> None:
     names, rows = rows_of(CONTROL)
     assert names == ("timestamp", "actual_q")
     for values in (row["actual_q"] for row in CONTROL.reads if "actual_q" in row):
         assert tuple(values) in [row["actual_q"] for row in rows]
-    said = joined(CONTROL, DEVICE, "dashboard").decode().splitlines()
-    assert list(CONTROL.reads[0].values()) == said[2:]
+    output = joined(CONTROL, DEVICE, "dashboard").decode().splitlines()
+    assert list(CONTROL.reads[0].values()) == output[2:]
 
 
 def packets_of(transcript: Transcript) -> Iterator[tuple[int, bytes]]:
     return primary.split(joined(transcript, DEVICE, "primary"))
 
 
-def test_states_of_the_primary_interface_are_whole_and_read_by_the_client_library() -> None:
+def test_client_library_reads_complete_primary_states() -> None:
     states = [dict(primary.split(body)) for kind, body in packets_of(PRIMARY) if kind == PacketType.STATE]
     assert all(list(state) == list(primary.PARTS) for state in states)
     first = primary.CONFIGURATION.unpack(states[0][Part.CONFIGURATION])
@@ -395,7 +396,7 @@ def test_states_of_the_primary_interface_are_whole_and_read_by_the_client_librar
     assert (modes[0], modes[-1]) == (PRIMARY.reads[0]["mode"], PRIMARY.reads[-1]["mode"])
 
 
-def test_messages_of_the_primary_interface_are_what_the_client_library_tells_of_them() -> None:
+def test_client_library_reads_primary_messages() -> None:
     messages = [
         primary.read_message(body) for kind, body in packets_of(PRIMARY) if kind == PacketType.MESSAGE
     ]
@@ -412,7 +413,7 @@ def test_messages_of_the_primary_interface_are_what_the_client_library_tells_of_
     assert modes == [PRIMARY.reads[2]["safety"], PRIMARY.reads[3]["safety"]]
 
 
-def test_a_byte_that_the_client_library_did_not_send_is_noticed() -> None:
+def test_unexpected_library_byte_is_detected() -> None:
     spoilt = [
         step._replace(data=step.data[:-1] + b"\2") if step.wire.startswith("reverse") and step.data else step
         for step in CONTROL.steps

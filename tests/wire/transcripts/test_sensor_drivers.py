@@ -1,4 +1,4 @@
-"""Sessions of compiled drivers of sensors that other people wrote: replayed, and read by our decoders.
+"""Recorded sessions of compiled third-party sensor drivers, replayed and read by our decoders.
 
 Robotiq's own driver of the FT 300 finds the sensor on a serial line, asks for its version, year and number, and
 streams. A driver of ATI's NETCANOEM asks a board for all that it tells, reads five samples, and takes a bias. Its CAN
@@ -23,37 +23,37 @@ BASE = 0x20
 
 
 @pytest.mark.parametrize("transcript", [FT300, BOARD])
-def test_the_emulated_sensor_says_every_byte_to_a_driver_again(transcript: Transcript) -> None:
-    said = [step for step in transcript.steps if step.side == DEVICE]
-    assert len(said) > 10
-    assert replayed(transcript) == said
+def test_emulated_sensor_repeats_every_byte_to_a_driver(transcript: Transcript) -> None:
+    output = [step for step in transcript.steps if step.side == DEVICE]
+    assert len(output) > 10
+    assert replayed(transcript) == output
 
 
 # --- Robotiq FT 300
 
 
-def test_registers_are_what_robotiqs_driver_takes_them_for() -> None:
-    """The two words of the number are the low one first."""
-    words = {}
-    asked = [decode_request(data) for data in FT300.made_by(CLIENT, "serial")]
+def test_registers_match_the_robotiq_driver() -> None:
+    """The low word of the number comes first."""
+    registers = {}
+    requests = [decode_request(data) for data in FT300.made_by(CLIENT, "serial")]
     answered = [data for data in FT300.made_by(DEVICE, "serial") if data[0] == 9]
-    for request, data in zip(asked[1:], answered, strict=True):  # the first comes while it boots
+    for request, data in zip(requests[1:], answered, strict=True):  # the first comes while it boots
         if request.function == 3:
             payload, _ = find_answer(data, 3, len(data)) or (b"", 0)
             assert isinstance(payload, bytes)
-            words[request.register] = words_of(payload)
-    assert (asked[-1].function, asked[-1].register, asked[-1].values) == (16, 410, (0x0200,))
-    version, number = (b"".join(word.to_bytes(2, "big") for word in words[place]) for place in (500, 510))
-    low, high = words[510][2:]
+            registers[request.register] = words_of(payload)
+    assert (requests[-1].function, requests[-1].register, requests[-1].values) == (16, 410, (0x0200,))
+    version, number = (b"".join(word.to_bytes(2, "big") for word in registers[place]) for place in (500, 510))
+    low, high = registers[510][2:]
     assert FT300.reads[0] == {
         "firmware": f"{version[:3].decode()}-{version[3]}.{version[4]}.{version[5]}",
         "serial": f"{number[:3].decode()}-{high << 16 | low}",
-        "year": str(words[514][0]),
+        "year": str(registers[514][0]),
     }
     assert (low, high) == (0x5678, 0x1234)
 
 
-def test_a_stream_is_read_as_robotiqs_driver_reads_it() -> None:
+def test_stream_is_read_as_robotiqs_driver_reads_it() -> None:
     streamed = StreamReader().feed(b"".join(FT300.made_by(DEVICE, "serial")))
     rows = [
         [round(count * scale, 3) for count, scale in zip(counts, SCALES, strict=True)] for counts in streamed
@@ -77,18 +77,18 @@ def answers(op: int) -> list[bytes]:
     return [frame.data for frame in frames(DEVICE) if frame.identifier == ati.identifier(BASE, op)]
 
 
-def test_a_driver_asks_as_we_do() -> None:
-    asked = frames(CLIENT)
+def test_driver_requests_match_ours() -> None:
+    requests = frames(CLIENT)
     ours = [
         ati.question(BASE, ati.Op.FIRMWARE),
         ati.question(BASE, ati.Op.SERIAL),
         ati.question(BASE, ati.Op.COUNTS),
     ]
-    assert asked[:3] == ours
-    assert ati.question(BASE, ati.Op.SLOT, 0) in asked
-    rows = [frame for frame in asked if frame.identifier == ati.identifier(BASE, ati.Op.ROW)]
+    assert requests[:3] == ours
+    assert ati.question(BASE, ati.Op.SLOT, 0) in requests
+    rows = [frame for frame in requests if frame.identifier == ati.identifier(BASE, ati.Op.ROW)]
     assert rows == 2 * [ati.question(BASE, ati.Op.ROW, axis) for axis in range(6)]
-    assert asked[-1] == ati.question(BASE, ati.Op.RESET)
+    assert requests[-1] == ati.question(BASE, ati.Op.RESET)
 
 
 def test_facts_of_the_board_are_read_as_the_driver_reads_them() -> None:
@@ -103,7 +103,7 @@ def test_facts_of_the_board_are_read_as_the_driver_reads_them() -> None:
 
 
 def test_gages_and_wrench_are_those_of_the_driver() -> None:
-    """The wrench is that of the sensor too, but for the counts to which the gages are rounded."""
+    """The wrench equals the sensor's too, within the rounding of the gages to counts."""
     (matrix,) = reads("matrix")
     starts = [ati.decode_sample(data) for data in answers(ati.Op.SAMPLE)]
     rests = [ati.decode_sample_rest(data) for data in answers(ati.Op.SAMPLE + 1)]
@@ -116,7 +116,7 @@ def test_gages_and_wrench_are_those_of_the_driver() -> None:
     ]
     assert reads("gages") == gages[0:10:2]
     assert reads("status") == [start.status for start in starts[0:10:2]]
-    for told, counted in zip(reads("wrench"), gages[1:10:2], strict=True):
-        assert told == pytest.approx(list(np.array(matrix) @ counted / 1e6), abs=1e-9)
-        assert told == pytest.approx(WRENCH, abs=2e-3)
+    for reports, counted in zip(reads("wrench"), gages[1:10:2], strict=True):
+        assert reports == pytest.approx(list(np.array(matrix) @ counted / 1e6), abs=1e-9)
+        assert reports == pytest.approx(WRENCH, abs=2e-3)
     assert reads("biased") == [[0.0] * 6]

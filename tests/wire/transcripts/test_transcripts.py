@@ -1,19 +1,19 @@
-"""Transcripts of the line, each naming the rows of the specification that it covers, played as peer to both ends.
+"""Transcripts of the line, each naming the specification rows that it covers, played against both ends.
 
 A transcript begins with `==` and its name, then come `key: value` lines:
 
-- `covers`: rows, see `ROWS`; what a refusal's transcript covers is its code;
-- `ends`: the ends played against: `PC S3` (the default), or one where the other says what no end of ours would;
+- `covers`: rows, see `ROWS`; for a refusal, its code;
+- `ends`: the ends played against: `PC S3` (the default), or one if the other sends what no end of ours would;
 - `mirror: no` unless it also holds with both ends exchanged (then the other side wins collisions);
-- `link`: settings; `robot`: settings of the emulated controller; `verbose: yes`: bids and ACKs are told;
-- `crossing: yes` when both sides speak before either has heard the other.
+- `link`: settings; `robot`: settings of the emulated controller; `verbose: yes`: bids and ACKs are reported;
+- `crossing: yes` if both sides send before either has received.
 
 Each further line is one thing: the time in ms, actor, action, and the bytes or words; `#` begins a comment, `00*3` is
-`00 00 00`. `PC→S3` is said by the one and heard by the other; `PC→×` gets lost and `×→PC` has no sender, so a byte
-that is changed on its way is both. `PC queues` the telegrams of a message, separated by `|`, `PC announces` that it is
+`00 00 00`. `PC→S3` is sent by one end and received by the other; `PC→×` is lost and `×→PC` has no sender, so a byte
+that is changed in transit is both. `PC queues` the telegrams of a message, separated by `|`, `PC announces` that it is
 about to; `PC tells` an event.
 
-What an end says and tells has to be in its transcript, in this order, at that millisecond, and nothing else.
+What an end sends and reports must be in its transcript, in this order, at that millisecond, and nothing else.
 """
 
 import re
@@ -102,7 +102,7 @@ class Transcript:
             ends=tuple(OTHER[end] for end in self.ends),
             link={**self.link, "collision_winner": "robot" if winner == "host" else "host"},
             steps=tuple(
-                replace(step, who=re.sub("PC|S3", lambda found: OTHER[found[0]], step.who))
+                replace(step, who=re.sub("PC|S3", lambda match: OTHER[match[0]], step.who))
                 for step in self.steps
             ),
         )
@@ -128,14 +128,14 @@ READERS = {
 
 
 def read(path):
-    """The transcripts of a file; what stands before the first is for people."""
+    """Return the transcripts of a file; text before the first one is a comment."""
     for part in re.split(r"^== ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
         name, *lines = part.splitlines()
         head, steps = {}, []
         for line in lines:
             line = line.partition("#")[0].strip()
-            if found := re.fullmatch(r"(\d+) +((?:PC|S3) \w+|\S+→\S+) *(.*)", line):
-                steps.append(Step(int(found[1]), found[2], found[3].strip()))
+            if match := re.fullmatch(r"(\d+) +((?:PC|S3) \w+|\S+→\S+) *(.*)", line):
+                steps.append(Step(int(match[1]), match[2], match[3].strip()))
             elif line:
                 key, _, value = line.partition(": ")
                 head[key] = READERS[key](value)
@@ -143,7 +143,7 @@ def read(path):
 
 
 def octets(text):
-    repeated = re.sub(r"(\w\w)\*(\d+)", lambda found: " ".join([found[1]] * int(found[2])), text)
+    repeated = re.sub(r"(\w\w)\*(\d+)", lambda match: " ".join([match[1]] * int(match[2])), text)
     return bytes.fromhex(repeated)
 
 
@@ -157,7 +157,7 @@ ORDERS = list(read(FOLDER / "refusals.txt"))
 
 
 class LinkEnd:
-    """A `Link` and what it tells."""
+    """A `Link` and its events."""
 
     def __init__(self, transcript, end):
         self.endpoint = Link(ROLES[end], LinkProfile(**{"baudrate": 11000, **transcript.link}))
@@ -169,7 +169,7 @@ class LinkEnd:
     def announces(self, text, now):
         self.endpoint.announce()
 
-    def told(self, event):
+    def describe(self, event):
         match event:
             case MessageReceived(received):
                 return "received " + " | ".join(raw.hex() for raw in received)
@@ -190,7 +190,7 @@ class Host:
     def queues(self, text, now):
         self.endpoint.order(*(Telegram.decode(raw, from_robot=False) for raw in telegrams(text)))
 
-    def told(self, event):
+    def describe(self, event):
         match event:
             case Answered(_, answer):
                 return f"answered {answer.encode().hex()}"
@@ -203,7 +203,7 @@ class Host:
 
 
 class Controller:
-    """The emulated controller, with the hands of a person before it."""
+    """The emulated controller, with an operator."""
 
     def __init__(self, transcript, end):
         self.endpoint = S3Controller(
@@ -237,16 +237,16 @@ class Player:
         self.transcript, self.end, self.split = transcript, end, split
         self.owner = make(transcript, end)
         self.endpoint = self.owner.endpoint
-        self.said = []
+        self.sent = []
         """Bytes handed out and not yet in the transcript, as (ms, bytes)."""
-        self.told = []
+        self.reported = []
 
     def flush(self, now):
         ms = round((now - EPOCH) * 1000, 3)
         if data := self.endpoint.data_to_send(now):
-            self.said.append((ms, data))
+            self.sent.append((ms, data))
         while (event := self.endpoint.next_event()) is not None:
-            self.told.append((ms, self.owner.told(event)))
+            self.reported.append((ms, self.owner.describe(event)))
 
     def advance(self, until):
         while (due := self.endpoint.next_deadline()) is not None and due <= until:
@@ -260,15 +260,15 @@ class Player:
 
     def expect(self, step):
         data = octets(step.what)
-        assert self.said, f"nothing was said: {step}"
-        at, said = self.said.pop(0)
-        assert said.startswith(data), f"{said.hex(' ')} was said: {step}"
+        assert self.sent, f"nothing was said: {step}"
+        at, output = self.sent.pop(0)
+        assert output.startswith(data), f"{output.hex(' ')} was said: {step}"
         assert abs(at - step.at) < 0.51, f"it was said at {at} ms: {step}"
-        if rest := said[len(data) :]:
-            self.said.insert(0, (at, rest))
+        if rest := output[len(data) :]:
+            self.sent.insert(0, (at, rest))
 
     def play(self):
-        end, tells = self.end, []
+        end, reports = self.end, []
         for step in self.transcript.steps:
             now = EPOCH + step.at / 1000
             source, _, sink = step.who.partition("→")
@@ -279,7 +279,7 @@ class Player:
                 continue
             match step.who.split():
                 case [who, "tells"]:
-                    tells += [(step.at, self.normal(step.what))] if who == end else []
+                    reports += [(step.at, self.normal(step.what))] if who == end else []
                     continue
                 case [who, doing]:
                     if who == end:
@@ -287,12 +287,12 @@ class Player:
                 case _:
                     if sink != end:
                         continue
-                    assert self.transcript.crossing or not self.said, f"{self.said} was said before {step}"
+                    assert self.transcript.crossing or not self.sent, f"{self.sent} was said before {step}"
                     self.hear(octets(step.what), now)
             self.flush(now)
         self.advance(EPOCH + 1000.0)
-        assert not self.said, f"{self.said} was said at the end"
-        assert [(round(at), text) for at, text in self.told] == tells
+        assert not self.sent, f"{self.sent} was said at the end"
+        assert [(round(at), text) for at, text in self.reported] == reports
         assert self.endpoint.next_deadline() is None, "every wait has to end"
 
     def normal(self, text):
@@ -305,10 +305,10 @@ class Player:
 
 def plays():
     for transcript in LINKS:
-        for played in (transcript, transcript.mirrored()) if transcript.mirror else (transcript,):
-            for end in played.ends:
-                mirrored = " mirrored" if played is not transcript else ""
-                yield pytest.param(played, end, id=f"{transcript.name}, {end}{mirrored}")
+        for variant in (transcript, transcript.mirrored()) if transcript.mirror else (transcript,):
+            for end in variant.ends:
+                mirrored = " mirrored" if variant is not transcript else ""
+                yield pytest.param(variant, end, id=f"{transcript.name}, {end}{mirrored}")
 
 
 @pytest.mark.parametrize("split", [None, 1, 5], ids=["whole", "by 1", "by 5"])
@@ -328,8 +328,8 @@ def test_every_row_has_a_transcript_at_each_end():
         covered = {
             row
             for item in LINKS
-            for played in ((item, item.mirrored()) if item.mirror else (item,))
-            if end in played.ends
+            for variant in ((item, item.mirrored()) if item.mirror else (item,))
+            if end in variant.ends
             for row in item.covers
         }
         assert ROWS.keys() <= covered
@@ -340,8 +340,8 @@ def test_every_refusal_has_a_transcript():
     assert {int(code) for item in ORDERS for code in item.covers} == {int(code) for code in RefusalCode}
 
 
-def test_every_transition_of_the_table_is_taken_by_some_transcript(monkeypatch):
-    taken = set()
+def test_every_transition_is_covered_by_a_transcript(monkeypatch):
+    covered = set()
     original = Link._step
 
     def spy(self, stimulus, size=0):
@@ -349,7 +349,7 @@ def test_every_transition_of_the_table_is_taken_by_some_transcript(monkeypatch):
         original(self, stimulus, size)
         if (before, stimulus) in TRANSITIONS:
             assert self.state in TRANSITIONS[before, stimulus].next
-            taken.add((before, stimulus, self.state))
+            covered.add((before, stimulus, self.state))
         else:
             assert self.state is before
 
@@ -357,7 +357,7 @@ def test_every_transition_of_the_table_is_taken_by_some_transcript(monkeypatch):
     for transcript in LINKS:
         for end in transcript.ends:
             Player(transcript, end, LinkEnd).play()
-    pairs = {(state, stimulus) for state, stimulus, _ in taken}
+    pairs = {(state, stimulus) for state, stimulus, _ in covered}
     swallowed = {pair for pair, arrow in TRANSITIONS.items() if arrow.action is Action.SWALLOW}
     assert TRANSITIONS.keys() - pairs - swallowed == set()
 
