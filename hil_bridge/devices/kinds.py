@@ -99,8 +99,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     supported.
     """
     late: LateRobot | None = None
-    """Returns settings for which the emulated robot has the latency of a recorded robot, for `hil-bridge latency
-    -o`. None if not supported.
+    """Returns settings for which the emulated robot has the latency of a recorded robot, for the command
+    ``hil-bridge latency -o``. None if not supported.
     """
 
 
