@@ -8,7 +8,6 @@ sensor measures the wrench that surface and gravity exert on the tool: pressing 
 Fz.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar
@@ -36,29 +35,18 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import FACE_NEEDS_NO_MEMORY, ContactLoad, Face, join_loads, turn_rates
+from emulators.surface.face import FACE_NEEDS_NO_MEMORY, Face
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
-from protocol.geometry import Pose, Quaternion, Vector, normalise, product, rotation_rows
-from protocol.marks import Mark, SettingError, between, check_settings, setting
+from emulators.surface.tool_load import MEMORY_RATE_HZ, ToolLoad
+from emulators.tool import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
+from protocol.geometry import Pose, Quaternion, Vector, normalise, product
+from protocol.marks import Mark, between, check_settings, setting
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
 _DEEPEST_M = 0.02
 """Largest depth of the tool inside the surface at the start, m; a greater depth is a configuration error. Chosen."""
-_HEAVIEST_KG = 10.0
-"""Largest mass of the tool, kg. Chosen."""
-_UP = np.array([0.0, 0.0, 1.0])
-"""Unit vector of base z."""
-_PAST_S = 10.0
-"""Longest missed motion that a surface with memory receives later, s: the duration that an arm's path keeps."""
-_SPREAD_AT_ONCE = 128
-"""Number of samples of a face that are computed at once. Chosen: larger arrays do not stay in a processor's cache."""
-_TURN_S = 0.02
-"""Averaging window of a tool's turn rate, s. Chosen: several ticks, because the tool does not turn within a tick."""
-_MEMORY_RATE_HZ = 8000
-"""Lowest sample rate at which a surface with memory is evaluated, Hz. Chosen: the sample rate of our sensor."""
-
 OWN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "bus": BUS_FAULTS,
     "surface": SURFACE_FAULTS,
@@ -73,62 +61,6 @@ Sensor = TypeVar("Sensor", bound=EmulatedSensor)
 
 def _unread(time: float) -> None:
     """Do nothing, because no sensor has read anything."""
-
-
-class InvalidForce(Exception):
-    """The surface of a plug-in returned an invalid force.
-
-    `blamed` holds the surface and the name of the failing method.
-    """
-
-    def __init__(self, surface: Surface, positions: Floats, force: object) -> None:
-        if isinstance(force, np.ndarray) and force.shape == positions.shape:
-            row = int(np.argmin(np.isfinite(force.astype(float)).all(axis=1)))
-            text = f"the surface returned {force[row].tolist()} N for a tip at {positions[row].round(6).tolist()} m"
-        else:
-            got = f"shape {force.shape}" if isinstance(force, np.ndarray) else type(force).__name__
-            text = f"the surface returned {got} for {len(positions)} positions; expected: shape {positions.shape}"
-        super().__init__(text)
-        self.blamed = surface, "force"
-
-
-@dataclass(frozen=True, slots=True)
-class ToolProfile:
-    """Rigid tool behind the sensor."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    length_mm: float = setting(
-        200.0, Mark.CHOSEN, "distance from sensor to tip along tool z", between(0.0, 1000.0), unit="mm"
-    )
-    mass_kg: float = setting(
-        0.5, Mark.CHOSEN, "mass that the sensor carries", between(0.0, _HEAVIEST_KG), unit="kg"
-    )
-    centre_of_gravity_mm: Vector = setting(
-        (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of gravity of that mass in the sensor frame", unit="mm"
-    )
-    face_radius_mm: float = setting(
-        0.0,
-        Mark.CHOSEN,
-        "radius of the tool's face, a flat disc about the tip, perpendicular to tool z; 0 for a point",
-        between(0.0, 500.0),
-        unit="mm",
-    )
-    face_rings: int = setting(
-        3,
-        Mark.CHOSEN,
-        "rings of contact points around the centre of that face: 1 gives 7 points, 2 give 19, 3 give 37",
-        between(1, 8),
-    )
-
-    def __post_init__(self) -> None:
-        if _HEAVIEST_KG < self.mass_kg <= _HEAVIEST_KG * 1e3:
-            raise SettingError(
-                "mass_kg",
-                f"must be at most {_HEAVIEST_KG:g}, got {self.mass_kg:g}; the unit is kg, did you mean "
-                f"{self.mass_kg * 1e-3:g}?",
-            )
-        check_settings(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,27 +135,27 @@ class Cell(Generic[Robot, Sensor]):
         self._profile = profile
         self._powered_at = now
         radius = profile.tool.face_radius_mm / 1000.0
-        self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
+        face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
         self._surface: Surface
-        self._is_plugin = parts.surface is not None
-        """Whether the surface belongs to a plug-in. The cell then checks the results of the surface."""
         if parts.surface is None:
-            self._surface = Contact(profile.surface, self._on_surface_change, self._face)
+            self._surface = Contact(profile.surface, self._on_surface_change, face)
         else:
             self._surface = parts.surface(self._on_surface_change)
-            if self._face is not None and self.has_memory:
+            if face is not None and self.has_memory:
                 raise ValueError(FACE_NEEDS_NO_MEMORY)
         self._refuse_buried((x, y, z))
         self._tried_surface: Surface | None = None
         self._advanced_surface: Surface | None = None
         """Copy of a surface with memory that has received the motion of a compliant arm's tool ahead of the sensor."""
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._on_surface_change)
+        self._load = ToolLoad(self.robot.path, now, face, self._obstacles, parts.surface is not None)
         self._moment_of_tip = moment_matrix((0.0, 0.0, length))
         u, v, w = profile.tool.centre_of_gravity_mm
         self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
         self._weight = profile.tool.mass_kg * _GRAVITY
         self.path: ArmPath = self._compliant_path() or self.robot.path
         """True path of the tool centre point."""
+        self._load.path = self.path
         ((_, quaternion),) = self.path.orientations(np.array([now]))
         self._turn(quaternion)
         self.on_change: Callable[[float], object] = _unread
@@ -259,7 +191,7 @@ class Cell(Generic[Robot, Sensor]):
             return None
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
-        grid = Grid(self._powered_at, 1.0 / _MEMORY_RATE_HZ if self.has_memory else STEP_S)
+        grid = Grid(self._powered_at, 1.0 / MEMORY_RATE_HZ if self.has_memory else STEP_S)
         contact = ToolContact(self._try_motion, self._accept_motion)
         mode = Mode(arm.frequency_hz, arm.damping_ratio)
         return CompliantPath(self.robot.path, mode, bearing_of(arm, self.robot, load), contact, grid)
@@ -267,7 +199,7 @@ class Cell(Generic[Robot, Sensor]):
     def _try_motion(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
         """Return the force (n, 3) of surface and obstacles on a tool with this motion, N. Has no side effects."""
         self._tried_surface = (self._advanced_surface or self._surface).aside()
-        return self._motion_load(self._tried_surface, times, (positions, velocities), count=False).force
+        return self._load.of_motion(self._tried_surface, times, (positions, velocities), count=False).force
 
     def _accept_motion(self) -> None:
         """Accept the motion of the last trial: continue with the surface that has received this motion."""
@@ -324,7 +256,7 @@ class Cell(Generic[Robot, Sensor]):
         remembered = self._surface.remembered_until
         if remembered is not None and remembered >= times[0]:
             self._surface.rewind(float(times[0]))
-        load = self._contact_load(self._surface, times)
+        load = self._load.at(self._surface, times)
         forces, moments = load.force.T, None if load.moment is None else load.moment.T
         for part, quaternion in self.path.orientations(times):
             if quaternion != self._orientation:
@@ -358,7 +290,7 @@ class Cell(Generic[Robot, Sensor]):
         positions, velocities = self.path.trajectory(at)
         # A copy, because reading the true state must not change the sensor's samples.
         surface = self._surface.aside()
-        forces = self._contact_load(surface, at, count=False).force
+        forces = self._load.at(surface, at, count=False).force
         normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
         quaternions = [q for part, q in self.path.orientations(at) for _ in range(part.start, part.stop)]
         undeflected, rotations = positions, None
@@ -381,7 +313,7 @@ class Cell(Generic[Robot, Sensor]):
 
         `times` (n,) are in ascending order, s.
         """
-        return self._contact_load(self._surface.aside(), times, count=False).force
+        return self._load.at(self._surface.aside(), times, count=False).force
 
     def _contact_at(self, time: float) -> Vector:
         """Return the contact force at a past time, s, or at the earliest time that is still available."""
@@ -404,93 +336,6 @@ class Cell(Generic[Robot, Sensor]):
     def has_memory(self) -> bool:
         """Whether the force depends on the past. True states must then be read before the surface discards them."""
         return self._surface.remembered_until is not None
-
-    def _contact_load(self, surface: Surface, times: Floats, count: bool = True) -> ContactLoad:
-        """Return force and moment of surface and obstacles on the tool at `times` (n,) in ascending order, s."""
-        return self._motion_load(surface, times, self.path.trajectory(times), count)
-
-    def _motion_load(
-        self, surface: Surface, times: Floats, motion: tuple[Floats, Floats], count: bool = True
-    ) -> ContactLoad:
-        """Return force and moment of surface and obstacles on the tool for its positions and velocities (n, 3).
-
-        A surface with memory first receives the samples since power-up that were never read, so its force depends
-        on the motion and not on the reads. If the missed motion is too long, the force is computed as if the tip
-        had jumped to its position.
-        """
-        if (remembered := surface.remembered_until) is not None:
-            begin = max(remembered, times[0] - _PAST_S, self._powered_at) * _MEMORY_RATE_HZ
-            # A margin of one millionth prevents rounding from changing a sample number.
-            missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * _MEMORY_RATE_HZ - 1e-6))
-            if len(missed):
-                past = missed / _MEMORY_RATE_HZ
-                self._surface_load(surface, past, *self.path.trajectory(past))
-        positions, velocities = motion
-        force, moment = self._surface_load(surface, times, positions, velocities)
-        if self._obstacles.any:
-            force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
-        return ContactLoad(force, moment)
-
-    def _surface_load(
-        self, surface: Surface, times: Floats, positions: Floats, velocities: Floats
-    ) -> ContactLoad:
-        """Return force and moment of the surface, excluding obstacles.
-
-        `positions` and `velocities` (n, 3) are those of the tool centre point.
-        """
-        if self._face is None:
-            return ContactLoad(self._surface_force(surface, positions, velocities, times), None)
-        parts = []
-        for begin in range(0, len(times), _SPREAD_AT_ONCE):
-            part = slice(begin, begin + _SPREAD_AT_ONCE)
-            orientations = self.path.orientations(times[part])
-            before = self.path.orientations(times[part] - _TURN_S)
-            turning = turn_rates(orientations, before, _TURN_S)
-            points = self._face.spread(
-                positions[part], velocities[part], orientations, rotation_matrix, turning
-            )
-            times_of_points = np.repeat(times[part], self._face.count)
-            forces = self._surface_force(surface, points.positions, points.velocities, times_of_points)
-            parts.append(self._face.gather(forces, points.arms))
-        return join_loads(parts)
-
-    def _surface_force(
-        self, surface: Surface, positions: Floats, velocities: Floats, times: Floats
-    ) -> Floats:
-        """Return the forces of the surface at these points.
-
-        Raises InvalidForce if a plug-in returns an invalid result.
-        """
-        force: Any = surface.force(positions, velocities, times)
-        if self._is_plugin and not (
-            isinstance(force, np.ndarray) and force.shape == positions.shape and np.isfinite(force).all()
-        ):
-            raise InvalidForce(surface, positions, force)
-        forces: Floats = force
-        return forces
-
-
-def rotation_matrix(quaternion: Quaternion) -> Floats:
-    """Return the matrix (3, 3) whose columns are the axes of the rotated frame, for a unit quaternion w x y z."""
-    return np.array(rotation_rows(quaternion))
-
-
-def moment_matrix(arm: Vector) -> Floats:
-    """Return the matrix (3, 3) that maps row forces to row moments. `arm` is the point at which the force acts, m."""
-    x, y, z = arm
-    return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-
-
-def force_to_wrench(rotation: Floats, moment: Floats) -> Floats:
-    """Return the matrix (3, 6) that maps row forces in the base frame to row wrenches in the sensor frame.
-
-    `rotation` (3, 3) is the orientation of the sensor frame in the base frame. `moment` (3, 3) is the
-    `moment_matrix` of the point at which the force acts, in the sensor frame.
-    """
-    matrix = np.empty((3, 6))
-    matrix[:, :3] = rotation
-    matrix[:, 3:] = rotation @ moment
-    return matrix
 
 
 def _vector(row: Floats) -> Vector:

@@ -10,9 +10,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from emulators.arm.history import History
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
 from emulators.devices.jr3 import Gateway, GatewayProfile, SensorProfile
 from emulators.surface.contact import SurfaceProfile
+from emulators.tool import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
 from protocol.can.frame import CanFrame
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 

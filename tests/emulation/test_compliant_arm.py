@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from emulators.arm.compliance import ArmProfile, joint_compliance
 from emulators.arm.compliant_path import STEP_S, Bearing, CompliantPath, Contact, Grid, Mode
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile
 from emulators.seams import Floats
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from emulators.tool import ToolProfile
 from protocol.arm_size import PerAxis
 from protocol.geometry import Quaternion
 from protocol.marks import SettingError

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from emulators.tool import ToolProfile
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 TOP = 0.59

@@ -10,11 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
-from emulators.cell import Cell, CellProfile, Parts, ToolProfile
+from emulators.cell import Cell, CellProfile, Parts
 from emulators.faults import FOREVER, Fault, Handler, Injection, Parameter
 from emulators.seams import ArmPath, EmulatedRobot, EmulatedSensor, StartPose, Surface, WrenchSource
 from emulators.sensing import KnownWrench, NoisyWrench, NumberedNoise, Samples
 from emulators.surface.contact import Contact, SurfaceProfile
+from emulators.tool import ToolProfile
 from protocol.geometry import Pose
 from tests.paper_cell import PaperCellProfile, s3_jr3_cell
 

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile
 from emulators.surface.contact import SurfaceKind, SurfaceProfile
 from emulators.surface.face import Face, ring_points, turn_rates
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from emulators.tool import ToolProfile
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 777.125

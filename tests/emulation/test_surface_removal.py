@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile
 from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.face import Face
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from emulators.surface.removal import RADIUS_LIMIT_CELLS, RemovalProfile
+from emulators.tool import ToolProfile
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 TOP = 0.59

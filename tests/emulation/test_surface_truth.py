@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
+from emulators.tool import ToolProfile
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 777.125

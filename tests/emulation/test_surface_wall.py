@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from emulators.tool import ToolProfile
 from tests.paper_cell import PaperCellProfile, s3_jr3_cell
 
 TOP = 0.59

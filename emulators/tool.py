@@ -1,0 +1,75 @@
+"""Tool behind the sensor: its settings, and the matrices that map forces on it to wrenches on the sensor."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from emulators.seams import Floats
+from protocol.geometry import Quaternion, Vector, rotation_rows
+from protocol.marks import Mark, SettingError, between, check_settings, setting
+
+_HEAVIEST_KG = 10.0
+"""Largest mass of the tool, kg. Chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolProfile:
+    """Rigid tool behind the sensor."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    length_mm: float = setting(
+        200.0, Mark.CHOSEN, "distance from sensor to tip along tool z", between(0.0, 1000.0), unit="mm"
+    )
+    mass_kg: float = setting(
+        0.5, Mark.CHOSEN, "mass that the sensor carries", between(0.0, _HEAVIEST_KG), unit="kg"
+    )
+    centre_of_gravity_mm: Vector = setting(
+        (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of gravity of that mass in the sensor frame", unit="mm"
+    )
+    face_radius_mm: float = setting(
+        0.0,
+        Mark.CHOSEN,
+        "radius of the tool's face, a flat disc about the tip, perpendicular to tool z; 0 for a point",
+        between(0.0, 500.0),
+        unit="mm",
+    )
+    face_rings: int = setting(
+        3,
+        Mark.CHOSEN,
+        "rings of contact points around the centre of that face: 1 gives 7 points, 2 give 19, 3 give 37",
+        between(1, 8),
+    )
+
+    def __post_init__(self) -> None:
+        if _HEAVIEST_KG < self.mass_kg <= _HEAVIEST_KG * 1e3:
+            raise SettingError(
+                "mass_kg",
+                f"must be at most {_HEAVIEST_KG:g}, got {self.mass_kg:g}; the unit is kg, did you mean "
+                f"{self.mass_kg * 1e-3:g}?",
+            )
+        check_settings(self)
+
+
+def rotation_matrix(quaternion: Quaternion) -> Floats:
+    """Return the matrix (3, 3) whose columns are the axes of the rotated frame, for a unit quaternion w x y z."""
+    return np.array(rotation_rows(quaternion))
+
+
+def moment_matrix(arm: Vector) -> Floats:
+    """Return the matrix (3, 3) that maps row forces to row moments. `arm` is the point at which the force acts, m."""
+    x, y, z = arm
+    return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+
+
+def force_to_wrench(rotation: Floats, moment: Floats) -> Floats:
+    """Return the matrix (3, 6) that maps row forces in the base frame to row wrenches in the sensor frame.
+
+    `rotation` (3, 3) is the orientation of the sensor frame in the base frame. `moment` (3, 3) is the
+    `moment_matrix` of the point at which the force acts, in the sensor frame.
+    """
+    matrix = np.empty((3, 6))
+    matrix[:, :3] = rotation
+    matrix[:, 3:] = rotation @ moment
+    return matrix
