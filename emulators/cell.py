@@ -35,7 +35,7 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import FACE_NEEDS_NO_MEMORY, Face
+from emulators.surface.face import FACE_NEEDS_NO_MEMORY, ContactLoad, Face
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
 from emulators.surface.tool_load import MEMORY_RATE_HZ, ToolLoad
@@ -256,7 +256,7 @@ class Cell(Generic[Robot, Sensor]):
         remembered = self._surface.remembered_until
         if remembered is not None and remembered >= times[0]:
             self._surface.rewind(float(times[0]))
-        load = self._load.at(self._surface, times)
+        load = self._contact_load(self._surface, times)
         forces, moments = load.force.T, None if load.moment is None else load.moment.T
         for part, quaternion in self.path.orientations(times):
             if quaternion != self._orientation:
@@ -290,7 +290,7 @@ class Cell(Generic[Robot, Sensor]):
         positions, velocities = self.path.trajectory(at)
         # A copy, because reading the true state must not change the sensor's samples.
         surface = self._surface.aside()
-        forces = self._load.at(surface, at, count=False).force
+        forces = self.contact_forces(at)
         normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
         quaternions = [q for part, q in self.path.orientations(at) for _ in range(part.start, part.stop)]
         undeflected, rotations = positions, None
@@ -313,7 +313,20 @@ class Cell(Generic[Robot, Sensor]):
 
         `times` (n,) are in ascending order, s.
         """
-        return self._load.at(self._surface.aside(), times, count=False).force
+        return self._contact_load(self._surface.aside(), times, count=False).force
+
+    def _contact_load(self, surface: Surface, times: Floats, count: bool = True) -> ContactLoad:
+        """Return the load of the contact on the tool at `times` (n,) in ascending order, s.
+
+        It is interpolated between the points at which the motion of a compliant arm was solved, unless these points
+        do not give it: for a face, which has a moment, for a surface with memory, and while samples are counted.
+        """
+        path, own = self.path, self._surface
+        if isinstance(path, CompliantPath) and self._load.is_of_point and not self.has_memory:
+            is_counted = self._obstacles.any or (isinstance(own, Contact) and own.faults.faulty)
+            if not is_counted:
+                return ContactLoad(path.contact_forces(times), None)
+        return self._load.at(surface, times, count)
 
     def _contact_at(self, time: float) -> Vector:
         """Return the contact force at a past time, s, or at the earliest time that is still available."""

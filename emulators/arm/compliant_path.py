@@ -10,10 +10,10 @@ where d is the deflection, p the path of the rigid arm, C the compliance and F t
 effective mass (ω² C)⁻¹ makes the deflection C F under a constant force, and contact, spring and damper never add
 energy.
 
-The equation is integrated on a fixed time grid. The integration is exact if the force is linear between two grid
-points. A block of points is solved at once, by Newton's method where the tool touches the surface. The results
-therefore do not depend on the times of the reads, to within the tolerance of that method. After the newest point, the
-force is assumed constant.
+The equation is integrated on a fixed time grid that begins at power-up. The integration is exact if the force is
+linear between two grid points. A block of points is solved at once, by Newton's method where the tool touches the
+surface. The results therefore do not depend on the times of the reads, to within the tolerance of that method. After
+the newest point, the motion continues with a constant force, and the contact force is that of this motion.
 """
 
 import math
@@ -49,6 +49,8 @@ once.
 """
 _NEAR_M = 2e-3
 """Displacement of the tool after which the compliance is computed again, m. Chosen."""
+_ON_GRID = 1e-6
+"""Distance from a grid point, in steps, at which a time is that of the point. Chosen: far above a rounding error."""
 _GAP_S = 5.0
 """Longest time without a reader, s. After a longer time, the tool restarts from its equilibrium. Chosen."""
 
@@ -194,7 +196,7 @@ class CompliantPath:
         """Matrix for the contact that was linearised last, which maps the error of its force to the correction."""
         self._oldest = self._newest = 0
         """Numbers of the oldest and the newest known grid point; no point is known before the first read."""
-        self._begun, self._powered_at = False, grid.powered_at
+        self._begun, self._origin = False, grid.powered_at
 
     # --- as a path
 
@@ -224,6 +226,24 @@ class CompliantPath:
         offset, drift = self._deflection(times, velocities)
         return positions + offset, velocities + drift
 
+    def contact_forces(self, times: Floats) -> Floats:
+        """Return the contact force on the tool (n, 3), base frame, N, linear between the points of the grid.
+
+        `times` (n,) are in ascending order, s. For a surface without memory.
+        """
+        self._extend(float(times[0]), float(times[-1]))
+        at = (times - self._origin) / self._step
+        points = np.clip((at + _ON_GRID).astype(int), self._oldest, self._newest)
+        share = np.maximum(at - points, 0.0)
+        here = self._rows[points % _KEPT, 6:9]
+        there = self._rows[np.minimum(points + 1, self._newest) % _KEPT, 6:9]
+        forces: Floats = here + share[:, None] * (there - here)
+        ahead = int(np.searchsorted(at, self._newest + _ON_GRID))
+        if ahead < len(times):
+            late = times[ahead:]
+            forces[ahead:] = self._contact.force(late, *self.trajectory(late))
+        return forces
+
     def rotations(self, times: Floats) -> Floats:
         """Return the rotation of the tool due to contact and weight (n, 3), rad, base frame.
 
@@ -232,13 +252,14 @@ class CompliantPath:
         self._extend(float(times[0]), float(times[-1]))
         bearing = self._bearing
         assert bearing is not None, "the path has begun"
-        points = np.clip(np.round(times / self._step).astype(int), self._oldest, self._newest)
+        at = (times - self._origin) / self._step
+        points = np.clip(np.round(at).astype(int), self._oldest, self._newest)
         rotations: Floats = self._rows[points % _KEPT, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
         return rotations
 
     def rewind(self, time: float) -> None:
         """Discard all points from this time on, s, because the path or the surface has changed."""
-        self._newest = max(min(self._newest, math.floor(time / self._step)), self._oldest)
+        self._newest = max(min(self._newest, self._point_before(time)), self._oldest)
 
     def _on_path_change(self, time: float) -> None:
         self.rewind(time)
@@ -252,10 +273,11 @@ class CompliantPath:
         `velocities` (n, 3) are the velocities of the rigid arm at these times, m/s.
         """
         step, rows = self._step, self._rows
-        points = np.clip(np.floor(times / step).astype(int), self._oldest, self._newest)
-        since = np.maximum(times - points * step, 0.0)
-        here = rows[points % _KEPT]
-        there = rows[np.minimum(points + 1, self._newest) % _KEPT]
+        at = (times - self._origin) / step
+        points = np.clip((at + _ON_GRID).astype(int), self._oldest, self._newest)
+        since = np.maximum((at - points) * step, 0.0)
+        here = rows[points % _KEPT, :6]
+        there = rows[np.minimum(points + 1, self._newest) % _KEPT, :6]
         s = (since / step)[:, None]
         a, b, va, vb = here[:, :3], there[:, :3], here[:, 3:6] * step, there[:, 3:6] * step
         bend, twist = 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb
@@ -277,22 +299,25 @@ class CompliantPath:
                 )
         return offset, drift
 
+    def _point_before(self, time: float) -> int:
+        """Return the number of the newest grid point that is not after a time, s."""
+        return math.floor((time - self._origin) / self._step + _ON_GRID)
+
     def _extend(self, begin: float, end: float) -> None:
         """Compute every grid point up to `end`, s."""
-        last = math.floor(end / self._step)
-        if not self._begun or last - self._newest > _GAP_S / self._step:
-            last_gap = last - _GAP_S / self._step
-            self._start(math.floor(max(self._powered_at / self._step, min(begin / self._step, last_gap))))
+        last, gap = self._point_before(end), math.ceil(_GAP_S / self._step)
+        if not self._begun or last - self._newest > gap:
+            self._start(max(min(self._point_before(begin), last - gap), 0))
         while self._newest < last:
             point, points = self._newest, min(_POINTS, last - self._newest)
-            times = np.arange(point, point + points + 1, dtype=np.float64) * self._step
+            times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
             positions, velocities = self._path.trajectory(times)
             if self._newest == point:  # an arm that senses its contact may have rewound the path
                 self._solve(times, positions, velocities)
 
     def _start(self, point: int) -> None:
         """Start in equilibrium at a grid point."""
-        time = np.array([point * self._step])
+        time = np.array([self._origin + point * self._step])
         positions, velocities = self._path.trajectory(time)
         bearing = self._borne(float(time[0]), positions[0])
         compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
