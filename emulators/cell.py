@@ -4,8 +4,8 @@ See `emulators.seams` for the parts of a cell.
 
 Frames: the base has z up. The tool frame's z axis points out of the flange, so a tool pointing down has the
 quaternion (0, 1, 0, 0). The sensor frame has the orientation of the tool frame and its origin in the flange. The
-sensor measures the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative
-Fz.
+sensor measures the wrench that surface, gravity and the unbalance of a spindle exert on the tool: pressing down on
+the surface gives a negative Fz.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,6 +34,7 @@ from emulators.seams import (
     SurfaceFactory,
     WrenchSource,
 )
+from emulators.spindle import Spindle
 from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.face import FACE_NEEDS_NO_MEMORY, ContactLoad, Face
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
@@ -93,13 +94,16 @@ class TrueState:
     """True state of the cell, for tests and comparisons. No device reports it."""
 
     position: Vector
-    """Position of the tool centre point in the base frame, m."""
+    """Position of the tool centre point in the base frame, m. The run-out of a spindle is not included."""
     velocity: Vector
     """Velocity of the tool centre point in the base frame, m/s."""
     quaternion: Quaternion
     """Orientation of the tool frame in the base frame, w x y z."""
     contact_force: Vector
-    """Force of surface and obstacles on the tool in the base frame, N; for a face, the sum over its points."""
+    """Force of surface and obstacles on the tool in the base frame, N; for a face, the sum over its points.
+
+    It varies with the run-out of a spindle. The force of its unbalance is not included.
+    """
     joints: Joints | None
     """Joint angles of the robot, axis 1 first, rad; None if the robot reports no joint angles."""
     normal: Vector | None = None
@@ -149,6 +153,8 @@ class Cell(Generic[Robot, Sensor]):
         """Copy of a surface with memory that has received the motion of a compliant arm's tool ahead of the sensor."""
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._on_surface_change)
         self._load = ToolLoad(self.robot.path, now, face, self._obstacles, parts.surface is not None)
+        self._spindle = Spindle(profile.tool, now, seed) if profile.tool.spindle_rpm > 0.0 else None
+        self._load.spindle = self._spindle
         self._moment_of_tip = moment_matrix((0.0, 0.0, length))
         u, v, w = profile.tool.centre_of_gravity_mm
         self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
@@ -197,9 +203,15 @@ class Cell(Generic[Robot, Sensor]):
         return CompliantPath(self.robot.path, mode, bearing_of(arm, self.robot, load), contact, grid)
 
     def _try_motion(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
-        """Return the force (n, 3) of surface and obstacles on a tool with this motion, N. Has no side effects."""
+        """Return the force (n, 3) of surface, obstacles and unbalance on a tool with this motion, N.
+
+        Has no side effects.
+        """
         self._tried_surface = (self._advanced_surface or self._surface).aside()
-        return self._load.of_motion(self._tried_surface, times, (positions, velocities), count=False).force
+        force = self._load.of_motion(self._tried_surface, times, (positions, velocities), count=False).force
+        if self._spindle is not None:
+            force = force + self._spindle.force(times, self.path.orientations(times))
+        return force
 
     def _accept_motion(self) -> None:
         """Accept the motion of the last trial: continue with the surface that has received this motion."""
@@ -265,6 +277,8 @@ class Cell(Generic[Robot, Sensor]):
             wrenches[:, part] += self._weight_wrench
             if moments is not None:
                 wrenches[3:, part] += self._rotation.T @ moments[:, part]
+        if self._spindle is not None:
+            wrenches += self._spindle.wrench(times)
         return wrenches.T
 
     def speeds(self, times: Floats) -> Floats:
@@ -311,7 +325,8 @@ class Cell(Generic[Robot, Sensor]):
     def contact_forces(self, times: Floats) -> Floats:
         """Return the force of surface and obstacles on the tool (n, 3), base frame, N.
 
-        `times` (n,) are in ascending order, s.
+        It varies with the run-out of a spindle. The force of its unbalance is not included. `times` (n,) are
+        in ascending order, s.
         """
         return self._contact_load(self._surface.aside(), times, count=False).force
 

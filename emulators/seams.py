@@ -116,7 +116,7 @@ class EmulatedRobot(Protocol):
 
 ContactSource: TypeAlias = Callable[[float], Vector]
 """Function that returns the true force of the surroundings on the tool at a past time, s; base frame, N, excluding
-the weight.
+weight and unbalance.
 """
 
 
@@ -162,8 +162,8 @@ class WrenchSource(Protocol):
     def wrench(self, times: Floats) -> Floats:
         """Return the wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
 
-        Surface and gravity exert the wrench: with the tool pointing down, pressing on a surface gives a negative
-        fz. Columns are fx fy fz mx my mz. `times` (n,) are in ascending order, s.
+        Surface, gravity and the unbalance of a spindle exert the wrench: with the tool pointing down, pressing on a
+        surface gives a negative fz. Columns are fx fy fz mx my mz. `times` (n,) are in ascending order, s.
         """
 
     def committed_until(self, now: float) -> float:

@@ -15,7 +15,7 @@ _HEAVIEST_KG = 10.0
 
 @dataclass(frozen=True, slots=True)
 class ToolProfile:
-    """Rigid tool behind the sensor."""
+    """Rigid tool behind the sensor, which a spindle may turn."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -41,6 +41,41 @@ class ToolProfile:
         "rings of contact points around the centre of that face: 1 gives 7 points, 2 give 19, 3 give 37",
         between(1, 8),
     )
+    spindle_rpm: float = setting(
+        0.0,
+        Mark.CHOSEN,
+        "speed at which a spindle turns the tool about tool z; 0: no spindle",
+        between(0.0, 30_000.0),
+        unit="1/min",
+    )
+    unbalance_g_mm: float = setting(
+        2.5,
+        Mark.ASSUMED,
+        "unbalance of the turning parts; its force acts at the tip",
+        between(0.0, 10_000.0),
+        unit="g·mm",
+    )
+    """Grade G at speed ω permits U = G m / ω: G6.3, 0.5 kg and 12 000/min give 2.5 g·mm, and G2.5 gives 1.0 g·mm.
+
+    Source: ISO 21940-11, which lists machine tools under G6.3 and their drives under G2.5. Assumed: mass and rated
+    speed.
+    """
+    radial_run_out_um: float = setting(
+        20.0,
+        Mark.ASSUMED,
+        "total indicator run-out of the tip perpendicular to tool z",
+        between(0.0, 1000.0),
+        unit="µm",
+    )
+    """Source: ISO 15488, table 4: class 2 permits 20 µm for a collet of 10 to 26 mm. Assumed: an exact spindle."""
+    axial_run_out_um: float = setting(
+        20.0,
+        Mark.ASSUMED,
+        "total indicator run-out of tip or face along tool z",
+        between(0.0, 1000.0),
+        unit="µm",
+    )
+    """Assumed: as much as the radial run-out. A worn or badly clamped disc has several times as much."""
 
     def __post_init__(self) -> None:
         if _HEAVIEST_KG < self.mass_kg <= _HEAVIEST_KG * 1e3:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from emulators.seams import ArmPath, Floats, Surface
+from emulators.spindle import Spindle
 from emulators.surface.face import ContactLoad, Face, join_loads, turn_rates
 from emulators.surface.faults import Obstacles
 from emulators.tool import rotation_matrix
@@ -50,6 +51,8 @@ class ToolLoad:
         """
         self.path = path
         """Path of the tool."""
+        self.spindle: Spindle | None = None
+        """Spindle that turns the tool; None for a tool that does not turn."""
         self._powered_at, self._face, self._obstacles = powered_at, face, obstacles
         self._is_plugin = is_plugin
 
@@ -80,12 +83,19 @@ class ToolLoad:
             missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * MEMORY_RATE_HZ - 1e-6))
             if len(missed):
                 past = missed / MEMORY_RATE_HZ
-                self._surface_load(surface, past, *self.path.trajectory(past))
-        positions, velocities = motion
+                self._surface_load(surface, past, *self._with_run_out(past, self.path.trajectory(past)))
+        positions, velocities = self._with_run_out(times, motion)
         force, moment = self._surface_load(surface, times, positions, velocities)
         if self._obstacles.any:
             force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
         return ContactLoad(force, moment)
+
+    def _with_run_out(self, times: Floats, motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        """Return positions and velocities (n, 3) including the run-out of the spindle."""
+        if self.spindle is None:
+            return motion
+        offset, drift = self.spindle.run_out(times, self.path.orientations(times))
+        return motion[0] + offset, motion[1] + drift
 
     def _surface_load(
         self, surface: Surface, times: Floats, positions: Floats, velocities: Floats
