@@ -58,6 +58,13 @@ class Spindle:
         drift = np.stack((-self._radial * sine, self._radial * cosine, -self._axial * sine), axis=1)
         return _in_base(offset, orientations), _in_base(self.rate * drift, orientations)
 
+    def turning(self, orientations: Sequence[tuple[slice, Quaternion]]) -> Floats:
+        """Return the angular velocity (3, n) of the tool in the base frame, rad/s."""
+        axes = np.empty((3, orientations[-1][0].stop))
+        for part, quaternion in orientations:
+            axes[:, part] = rotation_matrix(quaternion)[:, 2:]
+        return self.rate * axes
+
     def _direction(self, times: Floats) -> tuple[Floats, Floats]:
         """Return the tool frame's x and y (n,) of the unit vector towards the heavy side."""
         angle = self._begin + self.rate * (times - self._powered_at)

@@ -112,6 +112,9 @@ class ToolLoad:
             orientations = self.path.orientations(times[part])
             before = self.path.orientations(times[part] - _TURN_S)
             turning = turn_rates(orientations, before, _TURN_S)
+            if self.spindle is not None:
+                spin = self.spindle.turning(orientations)
+                turning = spin if turning is None else turning + spin
             points = self._face.spread(
                 positions[part], velocities[part], orientations, rotation_matrix, turning
             )
