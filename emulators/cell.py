@@ -17,6 +17,7 @@ import numpy as np
 from emulators.arm.compliance import ArmProfile, Load, bearing_of
 from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid, Mode
 from emulators.arm.compliant_path import Contact as ToolContact
+from emulators.arm.end_compliance import end_compliance
 from emulators.faults import Fault, Injection, Ledger
 from emulators.faults.bus import BUS_FAULTS
 from emulators.faults.computer import COMPUTER_FAULTS
@@ -28,6 +29,7 @@ from emulators.seams import (
     Floats,
     Joints,
     LoadedRobot,
+    SensorStiffness,
     ShapedSurface,
     StartPose,
     Surface,
@@ -122,6 +124,8 @@ class Parts(Generic[Robot, Sensor]):
     """Factory of the contact model. The default is the contact model in the profile of the cell."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """Definitions of the device faults, by target. The handlers of the devices carry them out."""
+    sensor_stiffness: SensorStiffness | None = None
+    """Settings of the sensor with the stiffness of its body; None for a rigid sensor."""
 
 
 class Cell(Generic[Robot, Sensor]):
@@ -159,7 +163,7 @@ class Cell(Generic[Robot, Sensor]):
         u, v, w = profile.tool.centre_of_gravity_mm
         self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
         self._weight = profile.tool.mass_kg * _GRAVITY
-        self.path: ArmPath = self._compliant_path() or self.robot.path
+        self.path: ArmPath = self._compliant_path(parts.sensor_stiffness) or self.robot.path
         """True path of the tool centre point."""
         self._load.path = self.path
         ((_, quaternion),) = self.path.orientations(np.array([now]))
@@ -187,20 +191,21 @@ class Cell(Generic[Robot, Sensor]):
         self.ledger.attach("surface", self._surface.handlers)
         self.ledger.attach("obstacle", self._obstacles.handlers)
 
-    def _compliant_path(self) -> CompliantPath | None:
-        """Return the path of the tool on a compliant arm; None for a rigid arm.
+    def _compliant_path(self, sensor: SensorStiffness | None) -> CompliantPath | None:
+        """Return the path of the tool on a compliant arm, or of a compliant tool; None if both are rigid.
 
         Raises ValueError for a robot that does not support the configured compliance.
         """
         tool, arm = self._profile.tool, self._profile.arm
-        if arm.compliance == "rigid":
+        if arm.compliance == "rigid" and tool.stiffness_n_m is None:
             return None
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
         grid = Grid(self._powered_at, 1.0 / MEMORY_RATE_HZ if self.has_memory else STEP_S)
         contact = ToolContact(self._try_motion, self._accept_motion)
         mode = Mode(arm.frequency_hz, arm.damping_ratio)
-        return CompliantPath(self.robot.path, mode, bearing_of(arm, self.robot, load), contact, grid)
+        bearing = bearing_of(arm, self.robot, load, end_compliance(tool, sensor))
+        return CompliantPath(self.robot.path, mode, bearing, contact, grid)
 
     def _try_motion(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
         """Return the force (n, 3) of surface, obstacles and unbalance on a tool with this motion, N.

@@ -208,6 +208,19 @@ class EmulatedSensor(Protocol):
         """
 
 
+@runtime_checkable
+class SensorStiffness(Protocol):
+    """Settings of an emulated sensor whose body deflects under load. The settings of a rigid sensor lack them."""
+
+    @property
+    def stiffness_n_m(self) -> Vector:
+        """Stiffness against a force along x, y and z of the sensor frame, N/m."""
+
+    @property
+    def stiffness_nm_rad(self) -> Vector:
+        """Stiffness against a moment about x, y and z of the sensor frame, N·m/rad."""
+
+
 class Surface(Protocol):
     """Contact model that returns the force on the tip of the tool, such as `emulators.surface.contact.Contact`.
 

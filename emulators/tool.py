@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.seams import Floats
 from protocol.geometry import Quaternion, Vector, rotation_rows
-from protocol.marks import Mark, SettingError, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 _HEAVIEST_KG = 10.0
 """Largest mass of the tool, kg. Chosen."""
@@ -15,7 +15,7 @@ _HEAVIEST_KG = 10.0
 
 @dataclass(frozen=True, slots=True)
 class ToolProfile:
-    """Rigid tool behind the sensor, which a spindle may turn."""
+    """Tool behind the sensor, which a spindle may turn."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -27,6 +27,13 @@ class ToolProfile:
     )
     centre_of_gravity_mm: Vector = setting(
         (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of gravity of that mass in the sensor frame", unit="mm"
+    )
+    stiffness_n_m: tuple[float, float] | None = setting(
+        None,
+        Mark.CHOSEN,
+        "stiffness of the tool along its z axis and across it; by default the tool is rigid",
+        above(0.0),
+        unit="N/m",
     )
     face_radius_mm: float = setting(
         0.0,

@@ -1,4 +1,5 @@
-"""Compliance of an arm: deflection of its tool under a force, from the stiffness of its joints.
+"""Compliance of an arm: deflection of its tool under a force, from the stiffness of its joints. Sensor and tool add
+theirs.
 
 The links are rigid, and each joint is a torsional spring. With the Jacobian J of the tool and the joint stiffness
 K, the deflection is J K⁻¹ Jᵀ times the wrench on the tool (Dumas et al., Robotics and Computer-Integrated
@@ -12,7 +13,9 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from emulators.arm.compliant_path import Bearing
+from emulators.arm.end_compliance import RIGID_END, EndCompliance
 from emulators.seams import ArticulatedRobot, EmulatedRobot, Floats, Joints
+from emulators.tool import rotation_matrix
 from protocol.arm_size import PerAxis
 from protocol.geometry import Pose, Vector, inverse, product, rotate
 from protocol.marks import Mark, SettingError, above, between, check_settings, setting
@@ -112,17 +115,20 @@ class Load(NamedTuple):
     """Position of the centre of gravity relative to the tool centre point, tool frame, m."""
 
 
-def bearing_of(arm: ArmProfile, robot: EmulatedRobot, load: Load) -> Callable[[float], Bearing]:
-    """Return a function that maps the time, s, to the bearing of a robot's tool.
+def bearing_of(
+    arm: ArmProfile, robot: EmulatedRobot, load: Load, end: EndCompliance = RIGID_END
+) -> Callable[[float], Bearing]:
+    """Return a function that maps the time, s, to the bearing of a robot's tool. `end` acts on a rigid arm, too.
 
     Raises ValueError if the compliance is configured as the compliance of the joints and the robot has no model of
     its joints.
     """
     articulated: object = robot
-    if arm.compliance == "cartesian":
-        cartesian = np.zeros((6, 6))
-        cartesian[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
-        return lambda time: _add_weight(cartesian, _rigid_pose(robot, time), load)
+    if arm.compliance != "joints":
+        constant = np.zeros((6, 6))
+        if arm.compliance == "cartesian":
+            constant[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
+        return lambda time: _bearing(constant, _rigid_pose(robot, time), load, end)
     if not isinstance(articulated, ArticulatedRobot):
         raise ValueError(
             'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
@@ -135,7 +141,7 @@ def bearing_of(arm: ArmProfile, robot: EmulatedRobot, load: Load) -> Callable[[f
         joints = robot.joints_holding(pose, time)
         if joints is None:
             raise ValueError("no joints hold the tool where the arm is")
-        return _add_weight(joint_compliance(joined, joints, stiffness), pose, load)
+        return _bearing(joint_compliance(joined, joints, stiffness), pose, load, end)
 
     return bearing
 
@@ -147,8 +153,15 @@ def _rigid_pose(robot: EmulatedRobot, time: float) -> Pose:
     return Pose((x, y, z), robot.path.orientations(at)[0][1])
 
 
-def _add_weight(compliance: Floats, pose: Pose, load: Load) -> Bearing:
-    """Return the bearing: the compliance together with the deflection that the weight causes."""
+def _bearing(arm: Floats, pose: Pose, load: Load, end: EndCompliance) -> Bearing:
+    """Return the bearing: the total compliance, and the deflection of arm and sensor under the weight.
+
+    `arm` is the compliance of the arm (6, 6) in the base frame.
+    """
     weight = np.array([0.0, 0.0, -9.80665 * load.mass])
-    arm = rotate(pose.quaternion, load.centre)
-    return Bearing(compliance, compliance @ np.concatenate((weight, np.cross(arm, weight))))
+    lever = rotate(pose.quaternion, load.centre)
+    turn = np.kron(np.eye(2), rotation_matrix(pose.quaternion))
+    carrying = arm + turn @ end.sensor @ turn.T
+    return Bearing(
+        carrying + turn @ end.tool @ turn.T, carrying @ np.concatenate((weight, np.cross(lever, weight)))
+    )

@@ -44,6 +44,12 @@ class SensorErrorSettings(Protocol):
 
 _Rest: TypeAlias = tuple[str, Bounds, str]
 
+STIFFNESS_N_M: _Rest = (
+    "stiffness of the body against forces along x, y, z; it acts if the arm or the tool is compliant",
+    above(0.0),
+    "N/m",
+)
+STIFFNESS_NM_RAD: _Rest = "stiffness of the body against moments about x, y, z", above(0.0), "N·m/rad"
 NOISE_N: _Rest = f"white noise of the forces, rms, {_EACH}", at_least(0.0), "N"
 NOISE_NM: _Rest = f"white noise of the moments, rms, {_EACH}", at_least(0.0), "N·m"
 WANDER_N: _Rest = (

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from emulators.cell import Cell, Parts
 from emulators.panel import Controls, Panel
-from emulators.seams import StartPose
+from emulators.seams import SensorStiffness, StartPose
 from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
@@ -91,11 +91,13 @@ def check_controls(kind: Any, option: str) -> None:
 def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
     """Return the emulated cell of a setup, powered up at `now`, s. Raises ConfigError for an invalid cell."""
     config, surface = setup.config, setup.cell_surface
+    sensor = setup.cell_sensor.settings.emulated
     parts = Parts(
         _make(setup.cell_robot),
         _make(setup.cell_sensor),
         None if surface is None else surface[0].make(surface[1]),
         setup.emulated.faults,
+        sensor if isinstance(sensor, SensorStiffness) else None,
     )
     try:
         return Cell(config.cell, now, config.run.seed, parts)

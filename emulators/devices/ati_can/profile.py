@@ -9,6 +9,7 @@ from emulators.seams import Floats
 from emulators.sensing import settings as errors
 from emulators.sensing.settings import PerAxis, check_errors
 from protocol.devices.ati_can.messages import BASE, GAGES, SLOTS
+from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 _MINI40 = (
@@ -92,6 +93,11 @@ class AtiCanProfile:
     noise_gages: float = setting(
         5.0, Mark.CHOSEN, "noise of each gage, rms; up to 80 is normal", at_least(0.0), unit="counts"
     )
+    stiffness_n_m: Vector = setting((1.1e7, 1.1e7, 2.0e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
+    """This and the next setting are those of a Mini40, as in the table of ATI's manual 9620-05-Transducer Section.
+    Assumed, because they were not compared with the manual.
+    """
+    stiffness_nm_rad: Vector = setting((2.8e3, 2.8e3, 4.0e3), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
     """This setting and those down to the noise in motion are those of a Net F/T."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)

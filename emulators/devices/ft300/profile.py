@@ -5,6 +5,7 @@ from typing import Literal
 
 from emulators.sensing import settings as errors
 from emulators.sensing.settings import PerAxis, check_errors
+from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 
@@ -12,6 +13,11 @@ from protocol.marks import Mark, SettingError, above, between, check_settings, s
 class Ft300Profile:
     """Settings in `[cell.ft300]`."""
 
+    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
+    """This and the next setting are those of a strain-gauge sensor of similar size, an ATI Gamma. Unknown for an
+    FT 300.
+    """
+    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_n: PerAxis = setting((0.08, 0.10, 0.04), Mark.OBSERVED, *errors.NOISE_N)
     """Source of this and the next setting: Sijiahui/FT300-sensor 91440f9, two records of 30 samples at 10 Hz."""
     noise_nm: PerAxis = setting((0.0065, 0.0055, 0.004), Mark.OBSERVED, *errors.NOISE_NM)

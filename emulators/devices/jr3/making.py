@@ -9,6 +9,7 @@ from emulators.devices.jr3.can_gateway import Gateway, GatewayProfile
 from emulators.devices.jr3.sensor import Jr3Sensor, SensorProfile
 from emulators.devices.jr3.uart_gateway import UartGateway, UartGatewayProfile
 from emulators.seams import WrenchSource
+from protocol.geometry import Vector
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,16 @@ class Jr3Profiles:
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
     uart: UartGatewayProfile = field(default_factory=UartGatewayProfile)
     board: BoardProfile = field(default_factory=BoardProfile)
+
+    @property
+    def stiffness_n_m(self) -> Vector:
+        """Stiffness of the sensor; see `emulators.seams.SensorStiffness`."""
+        return self.sensor.stiffness_n_m
+
+    @property
+    def stiffness_nm_rad(self) -> Vector:
+        """Stiffness of the sensor; see `emulators.seams.SensorStiffness`."""
+        return self.sensor.stiffness_nm_rad
 
 
 GatewayFactory: TypeAlias = Callable[[WrenchSource, float, int], Gateway]

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from emulators.seams import WrenchSource
 from emulators.sensing import NumberedNoise, Samples
+from emulators.sensing import settings as errors
 from emulators.sensing.signal import Signal
 from protocol.devices.jr3 import FULL_SCALE_COUNTS
+from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 SENSOR_RATE_HZ = 8000
@@ -43,6 +45,11 @@ class SensorProfile:
         between(0.1, 6553.5),
         unit="N·m",
     )
+    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
+    """This and the next setting are those of a strain-gauge sensor with similar full scales, an ATI Gamma. JR3's tables
+    are not public.
+    """
+    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_counts: float = setting(
         1.0, Mark.DERIVED, "noise of each axis, rms; recordings show 0.5 … 2.8", at_least(0.0), unit="counts"
     )

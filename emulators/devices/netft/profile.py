@@ -43,6 +43,11 @@ class NetFtProfile:
         "counts per N and per N·m, as in all known calibrations",
         between(1, 1_000_000),
     )
+    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
+    """This and the next setting are those of a Gamma, as in the table of ATI's manual 9620-05-Transducer Section.
+    Assumed, because they were not compared with the manual.
+    """
+    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_n: PerAxis = setting((0.018, 0.019, 0.018), Mark.OBSERVED, *errors.NOISE_N)
     """Source of this and the next setting: a Gamma behind a Net Box on an arm, 698 samples at 698 Hz, Zenodo
     11096791.
