@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from emulators.seams import Floats, WrenchSource
+from emulators.sensing.distortion import Distortion
 from emulators.sensing.samples import NumberedNoise, Samples
 from emulators.sensing.signal import Signal
 from emulators.sensing.unrest import Mechanics, SensorErrors, ZeroWander
@@ -31,6 +32,17 @@ class Converter:
     """Output of every axis for a zero wrench."""
     unrest: SensorErrors = field(default_factory=SensorErrors)
     """Errors in addition to the white noise."""
+    full_scale: Floats | None = None
+    """Full scale of each axis (6,), N and N·m; by default the load of this axis alone at which an output clips."""
+
+    @property
+    def full_scales(self) -> Floats:
+        """Full scale of each axis (6,), N and N·m."""
+        if self.full_scale is not None:
+            return self.full_scale
+        with np.errstate(divide="ignore"):
+            scales: Floats = np.abs(self.high[:, np.newaxis] / self.matrix).min(axis=0)
+        return scales
 
 
 class MeasuredWrench:
@@ -55,12 +67,17 @@ class MeasuredWrench:
         """Numbers, in ascending order, of the samples with an output at a limit of the converter."""
         unrest = converter.unrest
         self._mechanics = Mechanics(unrest, source, rate_hz, seed) if unrest.mechanical else None
+        self._distortion = (
+            Distortion(unrest, converter.full_scales, rate_hz, seed) if unrest.distorting else None
+        )
         self._wander = ZeroWander(unrest, rate_hz, converter.matrix, seed) if unrest.of_zero else None
         self._samples = Samples(source, rate_hz, self._make)
         self.on_invalidate = self._samples.on_invalidate
         """Callback for the number of the first output that may differ from the output that was read ahead."""
         if self._mechanics is not None:
             self.on_invalidate.append(self._mechanics.forget)
+        if self._distortion is not None:
+            self.on_invalidate.append(self._distortion.forget)
         needs = noise_setting if self._quiet else ""
         self.signal = Signal(rate_hz, needs, self._samples.invalidate_from)
 
@@ -93,10 +110,8 @@ class MeasuredWrench:
         return max((number for number in self._at_end if first <= number <= last), default=None)
 
     def _make(self, first: int, stop: int) -> Floats:
-        wrench = self._source.wrench(np.arange(first, stop) / self._rate).T
-        if self._mechanics is not None:
-            wrench = np.array(wrench)
-            self._mechanics.add(wrench, first)
+        distortion = self._distortion
+        wrench = self._load(first, stop) if distortion is None else distortion.loads(self._load, first, stop)
         faulty = self.signal.faulty
         outputs = self._converter.matrix @ (self.signal.wrench(wrench, first) if faulty else wrench)
         if self._converter.offset:
@@ -116,6 +131,14 @@ class MeasuredWrench:
             self.signal.output(outputs, first)
         self._record_ends(outputs, first)
         return outputs.T
+
+    def _load(self, first: int, stop: int) -> Floats:
+        """Return the load (6, n) of the samples `first` … `stop` − 1, including creep and vibration."""
+        wrench = self._source.wrench(np.arange(first, stop) / self._rate).T
+        if self._mechanics is not None:
+            wrench = np.array(wrench)
+            self._mechanics.add(wrench, first)
+        return wrench
 
     def _record_ends(self, outputs: Floats, first: int) -> None:
         """Record which of these samples (6, n) are clipped. They replace earlier samples with the same numbers."""

@@ -23,6 +23,10 @@ class SensorErrorSettings(Protocol):
     @property
     def slope_n_min(self) -> PerAxis: ...
     @property
+    def hysteresis_share(self) -> float: ...
+    @property
+    def cross_talk_share(self) -> float: ...
+    @property
     def creep_share(self) -> float: ...
     @property
     def creep_s(self) -> float: ...
@@ -62,6 +66,16 @@ SLOPE_N_MIN: _Rest = (
     between(-1000.0, 1000.0),
     "N/min",
 )
+HYSTERESIS_SHARE: _Rest = (
+    "difference of the readings of a rising and a falling load, as a share of the load's change",
+    between(0.0, 0.1),
+    "",
+)
+CROSS_TALK_SHARE: _Rest = (
+    "largest reading of an axis due to another axis, in shares of their full scales",
+    between(0.0, 0.1),
+    "",
+)
 CREEP_SHARE: _Rest = "share of a load change that the sensor reports late", between(0.0, 0.5), ""
 CREEP_S: _Rest = "time constant of that share", above(0.0), "s"
 VIBRATION_N: _Rest = f"vibration of the stationary arm in the signal, rms, {_EACH}", at_least(0.0), "N"
@@ -99,6 +113,8 @@ def unrest(profile: SensorErrorSettings, powered_at: float) -> SensorErrors:
         since=powered_at,
         wander=per_axis(profile.wander_n),
         slope=(x / 60.0, y / 60.0, z / 60.0),
+        hysteresis_share=profile.hysteresis_share,
+        cross_talk_share=profile.cross_talk_share,
         creep_share=profile.creep_share,
         creep_s=profile.creep_s,
         vibration=per_axis(profile.vibration_n),

@@ -1,4 +1,5 @@
-"""Errors of a sensor in addition to its white noise: drift of the zero, creep, and vibration of its arm.
+"""Errors of a sensor in addition to its white noise: drift of the zero, creep, and vibration of its arm. For
+hysteresis and cross-talk, see `emulators.sensing.distortion`.
 
 All errors depend only on the number of a sample. They depend neither on the blocks in which samples are read nor on
 whether samples are computed again after an order. Knots lie on the grid of sample numbers. Creep and motion are
@@ -53,6 +54,10 @@ class SensorErrors:
     """Random walk of the zero of each force axis, as the rms change within 10 s, N."""
     slope: Vector = NO_FORCE
     """Steady drift of the zero of each force axis, N/s."""
+    hysteresis_share: float = 0.0
+    """Difference of the readings of a rising and a falling load, as a share of the load's change."""
+    cross_talk_share: float = 0.0
+    """Largest reading of an axis due to another axis, in shares of their full scales."""
     creep_share: float = 0.0
     """Share of a load change, in force and moment, that is reported late."""
     creep_s: float = 1.0
@@ -76,6 +81,11 @@ class SensorErrors:
     def mechanical(self) -> bool:
         """Whether there are errors caused by the load or by the arm."""
         return bool(self.creep_share or any(self.vibration) or any(self.motion))
+
+    @property
+    def distorting(self) -> bool:
+        """Whether there is hysteresis or cross-talk."""
+        return bool(self.hysteresis_share or self.cross_talk_share)
 
     @property
     def of_zero(self) -> bool:

@@ -101,6 +101,8 @@ class AtiCanProfile:
     wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
     """This setting and those down to the noise in motion are those of a Net F/T."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
+    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
+    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
     creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
     vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *errors.VIBRATION_N)

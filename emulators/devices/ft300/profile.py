@@ -24,6 +24,8 @@ class Ft300Profile:
     wander_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.WANDER_N)
     """As for a UR's own sensor. Source: charintorn/UR_RTDE_Force_Recorder 134e620."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
+    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
+    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
     """This and the next setting are those of a Net F/T."""
     creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)

@@ -39,14 +39,14 @@ BoardFactory: TypeAlias = Callable[[WrenchSource, float, int], Board]
 
 def make_gateway(sensor: SensorProfile, gateway: GatewayProfile) -> GatewayFactory:
     """Return a factory of sensors behind a CAN gateway: `emulators.seams.SensorFactory`."""
-    return lambda source, now, seed: Gateway(gateway, Jr3Sensor(sensor, source, seed), now, seed)
+    return lambda source, now, seed: Gateway(gateway, Jr3Sensor(sensor, source, seed, now), now, seed)
 
 
 def make_uart(sensor: SensorProfile, gateway: UartGatewayProfile) -> UartFactory:
     """Return a factory of sensors behind a UART gateway."""
-    return lambda source, now, seed: UartGateway(gateway, Jr3Sensor(sensor, source, seed), now, seed)
+    return lambda source, now, seed: UartGateway(gateway, Jr3Sensor(sensor, source, seed, now), now, seed)
 
 
 def make_board(sensor: SensorProfile, board: BoardProfile, filter_number: int = 0) -> BoardFactory:
     """Return a factory of sensors behind a receiver board. A client reads the filter with this number, 0 … 6."""
-    return lambda source, now, seed: Board(board, Jr3Sensor(sensor, source, seed), now, filter_number)
+    return lambda source, now, seed: Board(board, Jr3Sensor(sensor, source, seed, now), now, filter_number)

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from emulators.seams import WrenchSource
 from emulators.sensing import NumberedNoise, Samples
 from emulators.sensing import settings as errors
+from emulators.sensing.distortion import Distortion
 from emulators.sensing.signal import Signal
+from emulators.sensing.unrest import SensorErrors
 from protocol.devices.jr3 import FULL_SCALE_COUNTS
 from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
@@ -60,6 +62,8 @@ class SensorProfile:
         between(12, 16),
     )
     connected: bool = setting(True, Mark.CHOSEN, "a sensor is connected")
+    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
+    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     coupling: tuple[float, ...] = setting(
         (),
         Mark.ASSUMED,
@@ -99,8 +103,11 @@ class SensorProfile:
 class Jr3Sensor:
     """Samples on the absolute grid k/8000 s, computed as arrays when a receiver reads them."""
 
-    def __init__(self, profile: SensorProfile, source: WrenchSource, seed: int) -> None:
-        self._source = source
+    def __init__(
+        self, profile: SensorProfile, source: WrenchSource, seed: int, powered_at: float = 0.0
+    ) -> None:
+        """`powered_at` is the time from which hysteresis acts, s."""
+        self._source, self._seed, self._powered_at = source, seed, powered_at
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
         """Functions to call with the number of the first sample that may differ from the one read ahead."""
@@ -116,6 +123,7 @@ class Jr3Sensor:
         """Return the six counts of each sample, integers (n, 6), from the first number to the second, which is the
         newest sample now. Further samples follow as far as they are predicted.
         """
+        self.on_invalidate.append(self._forget)
         self._noise = NumberedNoise(profile.noise_counts, seed)
         self._become(profile)
         needs = "" if profile.noise_counts else "cell.jr3.sensor.noise_counts"
@@ -131,7 +139,16 @@ class Jr3Sensor:
     def _become(self, profile: SensorProfile) -> None:
         self.profile = profile
         words = np.array(profile.full_scale_words, dtype=np.float64)
-        self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
+        full_scales = words * [1, 1, 1, 0.1, 0.1, 0.1]
+        self._counts_per_unit = FULL_SCALE_COUNTS / full_scales
+        distortion = SensorErrors(
+            since=self._powered_at,
+            hysteresis_share=profile.hysteresis_share,
+            cross_talk_share=profile.cross_talk_share,
+        )
+        self._distortion = (
+            Distortion(distortion, full_scales, SENSOR_RATE_HZ, self._seed) if distortion.distorting else None
+        )
         self._saturation_counts = float(profile.saturation_counts)
         self._raw_per_wrench = self._counts_per_unit[:, np.newaxis] * profile.coupling_matrix
         self.calibration: NDArray[np.float64] = np.asarray(np.linalg.inv(self._raw_per_wrench), np.float64)
@@ -161,8 +178,16 @@ class Jr3Sensor:
 
     def _wrench(self, first: int, stop: int) -> NDArray[np.float64]:
         """Return the wrench (6, n) before the converter of the samples `first` … `stop` − 1, N and N·m."""
-        wrench = self._source.wrench(np.arange(first, stop) / SENSOR_RATE_HZ).T
+        distortion = self._distortion
+        wrench = self._load(first, stop) if distortion is None else distortion.loads(self._load, first, stop)
         return self.signal.wrench(wrench, first) if self.signal.faulty else wrench
+
+    def _load(self, first: int, stop: int) -> NDArray[np.float64]:
+        return self._source.wrench(np.arange(first, stop) / SENSOR_RATE_HZ).T
+
+    def _forget(self, number: int) -> None:
+        if self._distortion is not None:
+            self._distortion.forget(number)
 
     def raw(self, first: int, stop: int) -> NDArray[np.int64]:
         """Return the converter readings (n, 6) of raw channels 1 … 6 for the samples `first` … `stop` − 1.

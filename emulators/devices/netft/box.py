@@ -78,7 +78,9 @@ class NetBox:
         ends = np.minimum(ratings * (profile.saturation_share * profile.counts_per_unit), _COUNT_END)
         noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * profile.counts_per_unit
         matrix = np.eye(6) * float(profile.counts_per_unit)
-        converter = Converter(matrix, noise, -ends, ends, unrest=unrest(profile, powered_at))
+        converter = Converter(
+            matrix, noise, -ends, ends, unrest=unrest(profile, powered_at), full_scale=ratings
+        )
         self._measured = MeasuredWrench(source, self._family.rate_hz, converter, seed, "cell.netft.noise_n")
         self.filter = SampleFilter(self._measured, profile)
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} frames")

@@ -56,6 +56,8 @@ class NetFtProfile:
     wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
     """Upper bound: means over 0.1 s of an Axia80 differed by 0.0007 N. Source: see `creep_share`."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
+    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
+    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     creep_share: float = setting(0.01, Mark.DERIVED, *errors.CREEP_SHARE)
     """0.02 … 0.13 N of 10 … 15 N within 15 s. Source: Axia80, leledeyuan00/Gravity-Compensation-F-T-sensor 139efe1."""
     creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
