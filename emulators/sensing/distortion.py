@@ -26,8 +26,9 @@ _THRESHOLDS = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32])
 _WEIGHTS = np.array([1.0, 1.0, 1.0, 2.0])[:, np.newaxis, np.newaxis]
 """Weights of the plays, in units of the hysteresis share.
 
-Derived: with them, a load that rises from 0 and returns has a loop whose width in its middle is the hysteresis share of
-the load, for each load from 1/8 of the full scale to the full scale. Up to 1/16, there is no loop.
+Derived: with them, a load that rises and falls again and again has a loop whose width in its middle is the hysteresis
+share of the load's change, for changes from 1/8 of the full scale to the full scale. Up to 1/16, there is no loop. The
+error is at most half the share of the full scale.
 """
 _CHUNK = 256
 """Number of samples after which the plays are stored. Chosen."""

@@ -50,10 +50,11 @@ def sensor_of(
     seed: int = 7,
     noise: Floats | None = None,
 ) -> MeasuredWrench:
-    """Return a sensor with a million counts per N and N·m."""
+    """Return a sensor with a million counts per N and N·m, and full scales of 30 N and 30 N·m."""
     ends = np.full(6, 1e12)
     rms = np.zeros(6) if noise is None else noise
-    converter = Converter(np.eye(6) * 1e6, rms * 1e6, -ends, ends, unrest=errors)
+    scales = np.full(6, 30.0)
+    converter = Converter(np.eye(6) * 1e6, rms * 1e6, -ends, ends, unrest=errors, full_scale=scales)
     return MeasuredWrench(source or KnownWrench(unloaded), rate, converter, seed, "noise")
 
 
@@ -169,6 +170,8 @@ ALL = SensorErrors(
     vibration=(0.1, 0.1, 0.1),
     peak_share=0.1,
     motion=(0.5, 0.5, 0.5),
+    hysteresis_share=0.05,
+    cross_talk_share=0.02,
 )
 
 
@@ -251,6 +254,7 @@ def test_errors_can_be_turned_off(profile: Callable[..., Any]) -> None:
     errors = unrest(profile(**SETTLED), T0)
     assert not errors.mechanical
     assert not errors.of_zero
+    assert not errors.distorting
 
 
 def test_errors_appear_in_net_box_records() -> None:
