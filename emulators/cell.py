@@ -14,8 +14,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from emulators.arm.compliance import ArmProfile, Load, bearing_of
-from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid, Mode
+from emulators.arm.compliance import ArmProfile, Load, bearing_of, mode_of
+from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid
 from emulators.arm.compliant_path import Contact as ToolContact
 from emulators.arm.end_compliance import end_compliance
 from emulators.faults import Fault, Injection, Ledger
@@ -203,7 +203,7 @@ class Cell(Generic[Robot, Sensor]):
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
         grid = Grid(self._powered_at, 1.0 / MEMORY_RATE_HZ if self.has_memory else STEP_S)
         contact = ToolContact(self._try_motion, self._accept_motion)
-        mode = Mode(arm.frequency_hz, arm.damping_ratio)
+        mode = mode_of(arm, self.robot)
         bearing = bearing_of(arm, self.robot, load, end_compliance(tool, sensor))
         return CompliantPath(self.robot.path, mode, bearing, contact, grid)
 
@@ -339,10 +339,12 @@ class Cell(Generic[Robot, Sensor]):
         """Return the load of the contact on the tool at `times` (n,) in ascending order, s.
 
         It is interpolated between the points at which the motion of a compliant arm was solved, unless these points
-        do not give it: for a face, which has a moment, for a surface with memory, and while samples are counted.
+        do not give it: for a face, which has a moment, for a surface with memory, for a tool with a spindle, whose
+        unbalance they contain, and while samples are counted.
         """
         path, own = self.path, self._surface
-        if isinstance(path, CompliantPath) and self._load.is_of_point and not self.has_memory:
+        is_plain = self._load.is_of_point and not self.has_memory and self._spindle is None
+        if isinstance(path, CompliantPath) and is_plain:
             is_counted = self._obstacles.any or (isinstance(own, Contact) and own.faults.faulty)
             if not is_counted:
                 return ContactLoad(path.contact_forces(times), None)

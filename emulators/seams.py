@@ -144,6 +144,10 @@ class ArticulatedRobot(Protocol):
     def joint_stiffness(self) -> PerAxis:
         """Torsional stiffness of the joints, N·m/rad, axis 1 first."""
 
+    @property
+    def mode(self) -> tuple[float, float]:
+        """Natural frequency, Hz, and damping ratio of the first mode of the tool on the arm, without contact."""
+
     def tool_pose_at(self, joints: PerAxis) -> Pose:
         """Return the true pose of the tool centre point at these joint angles, rad, by forward kinematics."""
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from emulators.arm.compliant_path import Bearing
+from emulators.arm.compliant_path import Bearing, Mode
 from emulators.arm.end_compliance import RIGID_END, EndCompliance
 from emulators.seams import ArticulatedRobot, EmulatedRobot, Floats, Joints
 from emulators.tool import rotation_matrix
@@ -22,6 +22,8 @@ from protocol.marks import Mark, SettingError, above, between, check_settings, s
 
 _STEP_RAD = 1e-5
 """Step of the difference quotients, rad. Chosen: their error is below a millionth of the arm's length."""
+_UNKNOWN_MODE = Mode(15.0, 0.03)
+"""Mode of a robot without a model of its joints. Assumed: as of the robots of this package."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +39,7 @@ class ArmProfile:
     )
     joint_stiffness_nm_rad: PerAxis | None = setting(
         None,
-        Mark.ASSUMED,
+        Mark.DERIVED,
         "stiffness of the joints, axis 1 first; by default that of the robot's model",
         unit="N·m/rad",
     )
@@ -47,14 +49,16 @@ class ArmProfile:
         "measured Cartesian stiffness at the tool in the base frame: xx, yy, zz, xy, xz, yz",
         unit="N/m",
     )
-    frequency_hz: float = setting(
-        15.0,
-        Mark.ASSUMED,
-        "natural frequency of the tool on the arm, without contact",
+    frequency_hz: float | None = setting(
+        None,
+        Mark.DERIVED,
+        "natural frequency of the tool on the arm, without contact; by default that of the robot's model",
         between(1.0, 200.0),
         unit="Hz",
     )
-    damping_ratio: float = setting(0.03, Mark.ASSUMED, "damping of that mode", above(0.0, 0.9))
+    damping_ratio: float | None = setting(
+        None, Mark.DERIVED, "damping of that mode; by default that of the robot's model", above(0.0, 0.9)
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -144,6 +148,12 @@ def bearing_of(
         return _bearing(joint_compliance(joined, joints, stiffness), pose, load, end)
 
     return bearing
+
+
+def mode_of(arm: ArmProfile, robot: object) -> Mode:
+    """Return the mode of a robot's tool; the settings take precedence over the robot's model."""
+    frequency, damping = robot.mode if isinstance(robot, ArticulatedRobot) else _UNKNOWN_MODE
+    return Mode(arm.frequency_hz or frequency, arm.damping_ratio or damping)
 
 
 def _rigid_pose(robot: EmulatedRobot, time: float) -> Pose:

@@ -31,6 +31,7 @@ from emulators.devices.egm.state import (
     State,
     Stops,
 )
+from emulators.devices.egm.stiffness import JOINT_STIFFNESS, MODE
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
@@ -100,8 +101,7 @@ class EgmController:
     def accepted(self) -> int:
         return self.queue.accepted
 
-    joint_stiffness: Joints = (2.0e5, 2.0e5, 1.5e5, 3.0e4, 3.0e4, 2.0e4)
-    """Joint stiffness, N·m/rad. Assumed: as for an arm for 20 kg with cycloidal gears and encoders on the motors."""
+    joint_stiffness, mode = JOINT_STIFFNESS, MODE
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return self.motion.holding(pose)

@@ -21,6 +21,7 @@ from emulators.devices.rsi.order_reader import OrderReader
 from emulators.devices.rsi.profile import RsiProfile
 from emulators.devices.rsi.reporter import Reporter
 from emulators.devices.rsi.session import Session, State
+from emulators.devices.rsi.stiffness import JOINT_STIFFNESS, MODE
 from emulators.faults import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
@@ -72,8 +73,7 @@ class RsiController:
     def begun_at(self, target: int) -> float | None:
         return self._arm.path.begun_at(target)
 
-    joint_stiffness: Joints = (2.0e5, 2.0e5, 1.5e5, 2.5e4, 2.5e4, 1.5e4)
-    """Joint stiffness, N·m/rad. Assumed: as for an arm for 16 kg with cycloidal gears and encoders on the motors."""
+    joint_stiffness, mode = JOINT_STIFFNESS, MODE
 
     def tool_pose_at(self, joints: Joints) -> Pose:
         a, b, c, d, e, f = map(math.degrees, joints)

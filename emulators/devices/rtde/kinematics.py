@@ -45,12 +45,6 @@ ARMS: Mapping[str, Arm] = {
     "ur10": Arm(0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
 }
 """Arms by name. Names with an e are e-Series arms; the others are CB3 arms."""
-_SMALL, _LARGE = (3.1e4, 3.1e4, 3.1e4, 4.7e3, 4.7e3, 4.7e3), (6.7e4, 6.7e4, 3.1e4, 1.0e4, 1.0e4, 1.0e4)
-JOINT_STIFFNESS: Mapping[str, Joints] = {"ur5e": _SMALL, "ur5": _SMALL, "ur10e": _LARGE, "ur10": _LARGE}
-"""Joint stiffness, N·m/rad. Assumed: strain-wave gears of sizes 32 and 25 in the main axes and 17 and 14 in the
-wrist, at low torque. Universal Robots publishes none. An arm has a second encoder behind each gear, but reports the
-motor's angle.
-"""
 USUAL: Joints = (0.0, -math.pi / 2, -math.pi / 2, -math.pi / 2, math.pi / 2, 0.0)
 """Joint angles nearest to which the start is searched. Chosen: elbow up and tool down."""
 

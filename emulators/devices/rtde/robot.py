@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping
 
+from emulators.arm.compliant_path import Mode
 from emulators.devices.rtde.cable import Cable, Inner, Server
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.dashboard import Dashboard, Settings
 from emulators.devices.rtde.disturbance import Disturbance
-from emulators.devices.rtde.kinematics import JOINT_STIFFNESS, Joints
+from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.realtime import RealtimePort
 from emulators.devices.rtde.script import ScriptPort
+from emulators.devices.rtde.stiffness import JOINT_STIFFNESS, MODE
 from emulators.orders import Act, ReceivedOrder
 from emulators.seams import ArmPath, Handlers, RobotFactory, StartPose
 from protocol.devices.rtde.wires import Port
@@ -51,6 +53,10 @@ class RtdeRobot:
     @property
     def joint_stiffness(self) -> Joints:
         return JOINT_STIFFNESS[self.controller.profile.model]
+
+    @property
+    def mode(self) -> Mode:
+        return MODE[self.controller.profile.model]
 
     def tool_pose_at(self, joints: Joints) -> Pose:
         manipulator = self.controller.manipulator

@@ -17,6 +17,7 @@ from emulators.devices.s3.profile import S3Profiles
 from emulators.devices.s3.programs import ProgramRun
 from emulators.devices.s3.site import EMPTY_SITE, S3Site
 from emulators.devices.s3.state import State, Stimulus
+from emulators.devices.s3.stiffness import JOINT_STIFFNESS, MODE
 from emulators.faults.ledger import Handler, Injection, Ledger, target_of
 from emulators.faults.packets import BYTES, WIRE, Packets
 from emulators.orders import Act, Hindrance, Orders, Reach, ReceivedOrder
@@ -42,10 +43,6 @@ from protocol.kinematics import Joints
 
 _OFFSET_LIMIT = 0.1
 """Maximum offset of the encoders, m. Chosen: a measured position always fits the status."""
-_JOINT_STIFFNESS: Joints = (1.0e5, 1.0e5, 8.0e4, 1.5e4, 1.5e4, 1.0e4)
-"""Joint stiffness, N·m/rad. Assumed: as for an arm for 10 kg with cycloidal gears; no measurement of an IRB 2000 is
-public. Its encoders are on the motors, so it does not report the deflection.
-"""
 
 
 @dataclass(slots=True)
@@ -169,8 +166,8 @@ class S3Controller:
         """Return the pose of the tool, as `emulators.seams.ArticulatedRobot` specifies."""
         return self._executive.tool_pose_at(joints)
 
-    joint_stiffness = _JOINT_STIFFNESS
-    """Joint stiffness, as `emulators.seams.ArticulatedRobot` specifies."""
+    joint_stiffness, mode = JOINT_STIFFNESS, MODE
+    """Joint stiffness and mode, as `emulators.seams.ArticulatedRobot` specifies."""
 
     def hindrance(self, now: float) -> Hindrance | None:
         """Return the reason why the controller accepts no points now."""
