@@ -83,7 +83,8 @@ class Compliance:
         if self._free:
             return Admittance(gain, turn_gain, 1.0, profile.freedrive_least_n)
         scale = self.gain_scaling
-        return Admittance(gain * scale, turn_gain * scale, self.damping, profile.force_mode_least_n)
+        least, lag = profile.force_mode_least_n, profile.force_mode_lag_cycles
+        return Admittance(gain * scale, turn_gain * scale, self.damping, least, lag)
 
     def step(self, arm: JointArm, paces: Paces, plays: bool, tool: ToolState) -> str:
         """Advance the arm by one cycle. `paces` is the same as for `JointArm.step`.

@@ -13,13 +13,16 @@ import math
 from typing import NamedTuple
 
 from emulators.arm.own_force import NO_WRENCH, OwnForce
+from emulators.devices.rtde.arm import ZERO
 from emulators.devices.rtde.drives import own_errors
 from emulators.devices.rtde.force_mode import about_tool, external_wrench
 from emulators.devices.rtde.io import EXTERNAL_FORCE
 from emulators.devices.rtde.manipulator import Manipulator
+from emulators.devices.rtde.pose_error import PoseError
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Watchdog
 from emulators.devices.rtde.state import Registers
+from emulators.seams import ContactSource
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.force import GRAVITY
 from protocol.geometry import Pose, Quaternion, Vector, Wrench, inverse, rotate
@@ -67,6 +70,10 @@ class ForceReading:
         """Configured payload: mass, kg, and centre of gravity, m."""
         self.own = OwnForce(own_errors(profile), seed)
         """Force measured by the arm itself, without weights."""
+        range_n = profile.force_pose_error_n
+        self._pose_error = PoseError(range_n, seed) if any(range_n) else None
+        self._joints = ZERO
+        """Joint angles in the newest cycle, rad."""
         self.load = Load()
         """Actual load on the flange."""
         self._at_tcp = profile.force_point == "tcp"
@@ -81,6 +88,11 @@ class ForceReading:
         """Orientation of the sensor's offset in the newest cycle."""
         self.tool_force: Wrench = NO_WRENCH
         """Reported force, with moments about the tool."""
+
+    def feel(self, contact: ContactSource) -> None:
+        """Set the source of the contact force. The arm measures it with the error of its pose."""
+        error = self._pose_error
+        self.own.feel(contact if error is None else lambda at: error.measure(contact(at), self._joints))
 
     def carry(self, mass: float, centre: Vector) -> None:
         """Put a load on the flange, kg and m, and configure it as the payload, as an operator does."""
@@ -108,6 +120,7 @@ class ForceReading:
 
     def read(self, now: float, inputs: Registers, manipulator: Manipulator) -> Wrench:
         """Return actual_TCP_force, from the force that a client sends or from the arm's own sensor."""
+        self._joints = manipulator.joints
         mass, x, y, z = self.payload
         tool = Tool(manipulator.turn, manipulator.tcp, Load(mass, (x, y, z)))
         if self.external:

@@ -37,7 +37,7 @@ class RtdeRobot:
         self.begun_at = controller.path.begun_at
         self.orders, self.hindrance = controller.orders, controller.state.hindrance
         self.unmodelled = controller.unmodelled
-        self.feel, self.carry = controller.force.own.feel, controller.force.carry
+        self.feel, self.carry = controller.force.feel, controller.force.carry
         self._open = dict.fromkeys(Port, 0)
         self._settings = Settings()
 

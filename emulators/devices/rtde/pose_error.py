@@ -1,0 +1,57 @@
+"""Error of the arm's own force measurement that depends on its pose.
+
+Source: R. Trochimczuk et al., "Experimental Evaluation of UR5e Collaborative Robot Force Control in Low-Force
+Applications", Sensors 26 (2026) 1709, doi:10.3390/s26051709. With 10 N desired in force mode, the mean contact force
+was 8.95 N to 13.26 N, depending on the place in the work space. The abstract does not state the cause.
+
+Assumed: the error vanishes without a contact, because force mode is used after zero_ftsensor(), which would remove a
+constant one. It is proportional to the force up to 10 N, the largest force of that paper, and constant above: at the
+largest forces, a proportional error would exceed any accuracy that a manufacturer specifies. It acts along the
+contact force.
+"""
+
+import math
+import random
+from operator import mul
+
+from emulators.devices.rtde.kinematics import Joints
+from protocol.geometry import Vector
+
+_MEASURED_N = 10.0
+"""Reported force at which the published range holds, N. Source: the paper."""
+_WAVES = 2
+"""Number of waves whose mean is the error. Chosen: over 25 places of the work space, the contact force at 10 N then
+varies by 3.5 N in the median over the seeds, and by up to the full range.
+"""
+_PERIODS = (-3, -2, -1, 1, 2, 3)
+"""Periods of a wave in one turn of a joint. Chosen: an error of a joint or its gear repeats after a full turn, and
+varies little over the 0.1 rad within which a task moves.
+"""
+
+
+class PoseError:
+    """Smooth error of the measured contact force over the joint angles. The seed determines it."""
+
+    def __init__(self, range_n: tuple[float, float], seed: int) -> None:
+        """`range_n` is the least and the largest deviation of the contact force from a reported force of 10 N, N."""
+        least, largest = range_n
+        self._middle, self._half = 0.5 * (largest + least), 0.5 * (largest - least)
+        rng = random.Random(f"{seed} pose error")
+        self._waves = [
+            (rng.uniform(0.0, 2.0 * math.pi), [rng.choice(_PERIODS) for _ in range(6)]) for _ in range(_WAVES)
+        ]
+
+    def deviation(self, joints: Joints) -> float:
+        """Return the contact force minus the reported one at these joint angles, N, for a reported force of 10 N."""
+        total = sum(
+            math.sin(phase + sum(map(mul, periods, joints)))
+            for phase, periods in self._waves
+        )
+        return self._middle + self._half * total / _WAVES
+
+    def measure(self, contact: Vector, joints: Joints) -> Vector:
+        """Return the measured contact force at these joint angles, N."""
+        deviation = self.deviation(joints)
+        share = 1.0 - deviation / max(math.hypot(*contact), _MEASURED_N + deviation)
+        x, y, z = contact
+        return share * x, share * y, share * z
