@@ -31,7 +31,7 @@ LENGTH = 0.2
 FREE, PRESSED = 0.6, 0.589
 STIFFNESS = 20e3
 ARM_STIFFNESS = 30e3
-CARTESIAN = ArmProfile(compliance="cartesian")
+CARTESIAN = ArmProfile(compliance="cartesian", frequency_hz=15.0, damping_ratio=0.03)
 EXACT = {"radial_run_out_um": 0.0, "axial_run_out_um": 0.0}
 """Settings of a tool without run-out."""
 SMOOTH: dict[str, Any] = {"stiffness_n_m": STIFFNESS, "damping_ns_m": 0.0, "friction": 0.0}
