@@ -43,7 +43,7 @@ def pressing_cell(arm: ArmProfile, tool: ToolProfile, height: float = 0.589) -> 
     )
     sensor = make_gateway(profile.sensor, profile.gateway)
     parts = Parts(make_robot(profile, EMPTY_SITE), sensor, sensor_stiffness=profile)
-    cell = Cell(profile, T0, 5, parts)  # type: ignore[arg-type]
+    cell = Cell(profile, T0, 5, parts)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, height), DOWN, 1000.0), T0)
     return cell
 
@@ -82,7 +82,8 @@ def test_end_compliance_turns_with_the_tool(arm: ArmProfile) -> None:
     quaternion = normalise((0.3, 0.8, -0.4, 0.2))
     total = base_compliance(quaternion, SOFT_TOOL, arm)
     arm_part = 1.0 / ARM if arm is CARTESIAN else 0.0
-    in_tool = sum(end_compliance(SOFT_TOOL, SOFT_SENSOR))
+    end = end_compliance(SOFT_TOOL, SOFT_SENSOR)
+    in_tool = end.sensor + end.tool
     for axis, direction in enumerate(rotation_matrix(quaternion).T):
         moved = total @ np.concatenate((direction, np.zeros(3)))
         assert direction @ moved[:3] == pytest.approx(in_tool[axis, axis] + arm_part)

@@ -32,7 +32,7 @@ FREE, PRESSED = 0.6, 0.589
 STIFFNESS = 20e3
 ARM_STIFFNESS = 30e3
 CARTESIAN = ArmProfile(compliance="cartesian", frequency_hz=15.0, damping_ratio=0.03)
-EXACT = {"radial_run_out_um": 0.0, "axial_run_out_um": 0.0}
+EXACT: dict[str, Any] = {"radial_run_out_um": 0.0, "axial_run_out_um": 0.0}
 """Settings of a tool without run-out."""
 SMOOTH: dict[str, Any] = {"stiffness_n_m": STIFFNESS, "damping_ns_m": 0.0, "friction": 0.0}
 
@@ -99,7 +99,7 @@ def test_slow_samples_alias_unbalance_at_full_amplitude(rate_hz: int, alias_hz: 
 def test_axial_run_out_adds_force_by_stiffness(damping: float, radius_mm: float) -> None:
     surface = SurfaceProfile(**{**SMOOTH, "damping_ns_m": damping})
     tool: dict[str, Any] = {"face_radius_mm": radius_mm, "face_rings": 1}
-    turning = {
+    turning: dict[str, Any] = {
         "spindle_rpm": 6000.0,
         "unbalance_g_mm": 0.0,
         "radial_run_out_um": 0.0,
@@ -117,7 +117,7 @@ def test_axial_run_out_adds_force_by_stiffness(damping: float, radius_mm: float)
 def test_radial_run_out_changes_depth_on_slope() -> None:
     slope = 30.0
     surface = SurfaceProfile(**SMOOTH, kind=SurfaceKind.SLOPED, slope_deg=slope)
-    turning = {
+    turning: dict[str, Any] = {
         "spindle_rpm": 6000.0,
         "unbalance_g_mm": 0.0,
         "radial_run_out_um": 40.0,
@@ -157,7 +157,7 @@ def test_robot_estimates_contact_without_unbalance(monkeypatch: pytest.MonkeyPat
     forces: list[Vector] = [sources[0](T0 + 0.002 * k) for k in range(5)]
     assert forces[0][2] != forces[1][2]
     assert all(force[:2] == (0.0, 0.0) for force in forces)
-    np.testing.assert_array_equal(cell.contact_forces(T0 + 0.002 * np.arange(5)), forces)
+    np.testing.assert_array_equal(cell.contact_forces(T0 + 0.002 * np.arange(5.0)), forces)
 
 
 @settings(max_examples=20, deadline=None)
@@ -184,14 +184,13 @@ def test_material_with_memory_receives_run_out_between_reads() -> None:
 
 def test_tool_without_spindle_ignores_its_errors() -> None:
     times = second_at(2000)
+    errors: dict[str, Any] = {
+        "unbalance_g_mm": 500.0,
+        "radial_run_out_um": 900.0,
+        "axial_run_out_um": 900.0,
+    }
     for arm in (ArmProfile(), CARTESIAN):
-        plain, still = (
-            cell_at(PRESSED, arm=arm, **errors)
-            for errors in (
-                {},
-                {"unbalance_g_mm": 500.0, "radial_run_out_um": 900.0, "axial_run_out_um": 900.0},
-            )
-        )
+        plain, still = cell_at(PRESSED, arm=arm), cell_at(PRESSED, arm=arm, **errors)
         np.testing.assert_array_equal(still.wrench(times), plain.wrench(times))
         np.testing.assert_array_equal(still.contact_forces(times), plain.contact_forces(times))
 
