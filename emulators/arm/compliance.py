@@ -12,8 +12,9 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from emulators.arm.compliant_path import Bearing, Mode
+from emulators.arm.compliant_path import Bearing
 from emulators.arm.end_compliance import RIGID_END, EndCompliance
+from emulators.arm.mode import Mode
 from emulators.seams import ArticulatedRobot, EmulatedRobot, Floats, Joints
 from emulators.tool import rotation_matrix
 from protocol.arm_size import PerAxis

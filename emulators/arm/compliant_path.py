@@ -18,11 +18,11 @@ the newest point, the motion continues with a constant force, and the contact fo
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from emulators.arm.mode import POINTS, Mode, coupling_matrix, responses
 from emulators.seams import ArmPath, Floats
 from protocol.geometry import Quaternion
 
@@ -30,8 +30,8 @@ STEP_S = 1.0 / 2000
 """Time step of the grid, s. Chosen: a contact of 100 kN/m on a mass of 1 kg oscillates at 50 Hz, with 40 points per
 period.
 """
-_POINTS, _FEW_POINTS = 32, 16
-"""Number of points solved at once, and the reduced number where contact begins, ends or changes. Chosen."""
+_FEW_POINTS = 16
+"""Number of points solved at once where contact begins, ends or changes. Chosen."""
 _ITERATIONS = 20
 _TOLERANCE_N = 1e-5
 """Largest error of the contact force in a solution, N. Chosen: far below the noise of every sensor."""
@@ -83,32 +83,6 @@ class Bearing(NamedTuple):
     """Deflection (6,) due to the weight of the tool, m and rad."""
 
 
-class Mode(NamedTuple):
-    """Mode of oscillation."""
-
-    frequency_hz: float
-    damping_ratio: float
-
-    def transition(self, duration: Floats) -> tuple[Floats, Floats]:
-        """Return the transition matrices of deflection and velocity (2, 2, n) over durations (n,), s.
-
-        It also returns the response (2, n) of deflection and velocity to a constant acceleration of 1.
-        """
-        omega = 2.0 * math.pi * self.frequency_hz
-        decay = self.damping_ratio * omega
-        damped = omega * math.sqrt(1.0 - self.damping_ratio**2)
-        envelope = np.exp(-decay * duration)
-        cosine, sine = envelope * np.cos(damped * duration), envelope * np.sin(damped * duration) / damped
-        first, second = cosine + decay * sine, cosine - decay * sine
-        matrix = np.array([[first, sine], [-(omega**2) * sine, second]])
-        return matrix, np.array([(1.0 - first) / omega**2, sine])
-
-    @property
-    def stiffness(self) -> float:
-        """Square of the angular frequency, 1/s²."""
-        return (2.0 * math.pi * self.frequency_hz) ** 2
-
-
 class Grid(NamedTuple):
     """Time grid on which the motion is integrated."""
 
@@ -116,58 +90,6 @@ class Grid(NamedTuple):
     """Start of the grid, s, with the tool in equilibrium."""
     step: float = STEP_S
     """Time step, s; shorter for a surface with memory, which must receive as many samples as the sensor."""
-
-
-class _Responses(NamedTuple):
-    """Responses of deflection and velocity at the n grid points after the current point."""
-
-    free: Floats
-    """Response to the current deflection and velocity, (2, n, 2)."""
-    forced: Floats
-    """Response to an acceleration at each point, linear between points, (2, n, n + 1)."""
-    held: Floats
-    """Response to an acceleration that is constant between two points, (2, n, n)."""
-    settled: Floats
-    """Response to an acceleration that is constant from the current point on, (2, n)."""
-
-    def joined(self, by_position: Floats, by_velocity: Floats, compliance: Floats) -> Floats:
-        """Return the matrix (3 n, 3 n) that maps the error of a force to its correction, for a linear contact.
-
-        `by_position` and `by_velocity` (3, 3) are the slopes of the contact. The upper left corner of the matrix
-        applies to fewer points.
-        """
-        slopes = (by_position @ compliance)[None], (by_velocity @ compliance)[None]
-        return np.array(np.linalg.inv(_coupling_matrix(self.forced[:, :, 1:], *slopes)), np.float64)
-
-
-@lru_cache(maxsize=8)
-def _responses(mode: Mode, step: float) -> _Responses:
-    """Return the responses at the maximum number of points that are solved at once."""
-    points = _POINTS
-    matrices, held_1 = mode.transition(np.array([step]))
-    matrix, held = matrices[:, :, 0], held_1[:, 0]
-    inverse = np.linalg.inv(
-        np.array([[0.0, 1.0], [-mode.stiffness, -2.0 * mode.damping_ratio * mode.stiffness**0.5]])
-    )
-    end = inverse @ (held - np.array([0.0, step])) / step
-    """Part of the response to the acceleration at the end of a step; the remainder is the response to the
-    acceleration at its start.
-    """
-    begin = held - end
-    free, forced, constant = (
-        np.zeros((points, 2, 2)),
-        np.zeros((2, points, points + 1)),
-        np.zeros((2, points, points)),
-    )
-    power = np.eye(2)
-    for gap in range(points):
-        rows = np.arange(gap, points)
-        forced[:, rows, rows - gap] += (power @ begin)[:, None]
-        forced[:, rows, rows - gap + 1] += (power @ end)[:, None]
-        constant[:, rows, rows - gap] = (power @ held)[:, None]
-        power = matrix @ power
-        free[gap] = power
-    return _Responses(free.transpose(1, 0, 2), forced, constant, constant.sum(axis=2))
 
 
 def _unread(time: float) -> None:
@@ -184,7 +106,7 @@ class CompliantPath:
         step = grid.step
         self._path, self._mode, self._bearing_at, self._contact = path, mode, bearing, contact
         self._step, self._remembers = step, step < STEP_S
-        self._responses = _responses(mode, step)
+        self._responses = responses(mode, step)
         self.on_change: Callable[[float], object] = _unread
         """Callback for the time from which the path differs from the path that could be read before, s."""
         path.on_change = self._on_path_change
@@ -309,7 +231,7 @@ class CompliantPath:
         if not self._begun or last - self._newest > gap:
             self._start(max(min(self._point_before(begin), last - gap), 0))
         while self._newest < last:
-            point, points = self._newest, min(_POINTS, last - self._newest)
+            point, points = self._newest, min(POINTS, last - self._newest)
             times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
             positions, velocities = self._path.trajectory(times)
             if self._newest == point:  # an arm that senses its contact may have rewound the path
@@ -494,18 +416,5 @@ class _Block(NamedTuple):
 
     def newton_step(self, error: Floats, slopes: tuple[Floats, Floats]) -> Floats:
         """Return the change of the contact force (n, 3) that removes its error (n, 3)."""
-        flat = _coupling_matrix(self.forced, slopes[0] @ self.compliance, slopes[1] @ self.compliance)
+        flat = coupling_matrix(self.forced, slopes[0] @ self.compliance, slopes[1] @ self.compliance)
         return np.array(np.linalg.solve(flat, error.ravel()), np.float64).reshape(error.shape)
-
-
-def _coupling_matrix(forced: Floats, by_position: Floats, by_velocity: Floats) -> Floats:
-    """Return the matrix (3 n, 3 n) that maps a change of the force to the error that the change removes.
-
-    `by_position` and `by_velocity` (n or 1, 3, 3) are the slopes of the contact times the compliance.
-    """
-    count = forced.shape[1]
-    matrix = np.zeros((count, 3, count, 3))
-    for slope, response in zip((by_position, by_velocity), forced, strict=True):
-        matrix -= slope[:, :, None, :] * response[:, None, :, None]
-    matrix += np.eye(3 * count).reshape(matrix.shape)
-    return matrix.reshape(3 * count, 3 * count)

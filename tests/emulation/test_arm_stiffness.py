@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from emulators.arm.compliance import ArmProfile, joint_compliance, mode_of
-from emulators.arm.compliant_path import Mode
+from emulators.arm.mode import Mode
 from emulators.devices.egm import EgmController, EgmProfile
 from emulators.devices.rsi import RsiController, RsiProfile
 from emulators.devices.rtde import RtdeProfile, make_robot

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.arm.compliance import ArmProfile, joint_compliance
-from emulators.arm.compliant_path import STEP_S, Bearing, CompliantPath, Contact, Grid, Mode
+from emulators.arm.compliant_path import STEP_S, Bearing, CompliantPath, Contact, Grid
+from emulators.arm.mode import Mode
 from emulators.arm.waypoints import Waypoint
 from emulators.seams import Floats
 from emulators.surface.contact import SurfaceProfile

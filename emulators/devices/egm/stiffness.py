@@ -1,6 +1,6 @@
 """Stiffness and first mode of an arm with the dimensions of an IRB 2600. No measurement of one is public."""
 
-from emulators.arm.compliant_path import Mode
+from emulators.arm.mode import Mode
 from protocol.arm_size import PerAxis
 
 JOINT_STIFFNESS: PerAxis = (6.3e5, 4.7e5, 2.8e5, 3.1e4, 3.1e4, 1.6e4)

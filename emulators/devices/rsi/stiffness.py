@@ -1,6 +1,6 @@
 """Stiffness and first mode of a KR 16-2. No measurement of one is public."""
 
-from emulators.arm.compliant_path import Mode
+from emulators.arm.mode import Mode
 from protocol.arm_size import PerAxis
 
 JOINT_STIFFNESS: PerAxis = (4.7e5, 3.5e5, 2.1e5, 3.1e4, 3.1e4, 1.6e4)

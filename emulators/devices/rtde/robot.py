@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from emulators.arm.compliant_path import Mode
+from emulators.arm.mode import Mode
 from emulators.devices.rtde.cable import Cable, Inner, Server
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.controller import Controller

@@ -17,7 +17,7 @@ of the deflection; here, no encoder measures it. For a CB3 nothing is known.
 
 from collections.abc import Mapping
 
-from emulators.arm.compliant_path import Mode
+from emulators.arm.mode import Mode
 from protocol.arm_size import PerAxis
 
 _SMALL: PerAxis = (3.1e4, 3.1e4, 3.1e4, 4.7e3, 4.7e3, 4.7e3)

@@ -1,6 +1,6 @@
 """Stiffness and first mode of an IRB 2000. No measurement of one is public."""
 
-from emulators.arm.compliant_path import Mode
+from emulators.arm.mode import Mode
 from protocol.arm_size import PerAxis
 
 JOINT_STIFFNESS: PerAxis = (3.1e5, 2.4e5, 1.4e5, 1.6e4, 1.6e4, 1.0e4)
