@@ -40,6 +40,7 @@ from emulators.spindle import Spindle
 from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.face import FACE_NEEDS_NO_MEMORY, ContactLoad, Face
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
+from emulators.surface.plane_law import PlaneLaw
 from emulators.surface.removal import Removed
 from emulators.surface.tool_load import MEMORY_RATE_HZ, ToolLoad
 from emulators.tool import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
@@ -202,7 +203,7 @@ class Cell(Generic[Robot, Sensor]):
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
         grid = Grid(self._powered_at, 1.0 / MEMORY_RATE_HZ if self.has_memory else STEP_S)
-        contact = ToolContact(self._try_motion, self._accept_motion)
+        contact = ToolContact(self._try_motion, self._accept_motion, self._plane_law)
         mode = mode_of(arm, self.robot)
         bearing = bearing_of(arm, self.robot, load, end_compliance(tool, sensor))
         return CompliantPath(self.robot.path, mode, bearing, contact, grid)
@@ -217,6 +218,18 @@ class Cell(Generic[Robot, Sensor]):
         if self._spindle is not None:
             force = force + self._spindle.force(times, self.path.orientations(times))
         return force
+
+    def _plane_law(self) -> PlaneLaw | None:
+        """Return the law of the surface if it is a plane, and nothing else acts on a tool that is a point."""
+        if self._has_plain_load and isinstance(self._surface, Contact):
+            return self._surface.plane
+        return None
+
+    @property
+    def _has_plain_load(self) -> bool:
+        """Whether the load on the tool is one force, that of a surface without memory."""
+        is_plain = self._load.is_of_point and not self.has_memory and self._spindle is None
+        return is_plain and not self._obstacles.any
 
     def _accept_motion(self) -> None:
         """Accept the motion of the last trial: continue with the surface that has received this motion."""
@@ -343,11 +356,9 @@ class Cell(Generic[Robot, Sensor]):
         unbalance they contain, and while samples are counted.
         """
         path, own = self.path, self._surface
-        is_plain = self._load.is_of_point and not self.has_memory and self._spindle is None
-        if isinstance(path, CompliantPath) and is_plain:
-            is_counted = self._obstacles.any or (isinstance(own, Contact) and own.faults.faulty)
-            if not is_counted:
-                return ContactLoad(path.contact_forces(times), None)
+        is_counted = isinstance(own, Contact) and own.faults.faulty
+        if isinstance(path, CompliantPath) and self._has_plain_load and not is_counted:
+            return ContactLoad(path.contact_forces(times), None)
         return self._load.at(surface, times, count)
 
     def _contact_at(self, time: float) -> Vector:

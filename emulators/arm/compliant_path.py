@@ -23,17 +23,19 @@ from typing import NamedTuple
 import numpy as np
 
 from emulators.arm.mode import POINTS, Mode, coupling_matrix, responses
+from emulators.arm.plane_contact import PlaneContact
 from emulators.seams import ArmPath, Floats
+from emulators.surface.plane_law import PlaneLaw
 from protocol.geometry import Quaternion
 
-STEP_S = 1.0 / 2000
+STEP_S = 1.0 / 1000
 """Time step of the grid, s. Chosen: a contact of 100 kN/m on a mass of 1 kg oscillates at 50 Hz, with 40 points per
 period.
 """
-_FEW_POINTS = 16
-"""Number of points solved at once where contact begins, ends or changes. Chosen."""
+_SOME_POINTS, _FEW_POINTS = 32, 16
+"""Largest number of points solved at once in contact, and where contact begins, ends or changes. Chosen."""
 _ITERATIONS = 20
-_TOLERANCE_N = 1e-5
+_TOLERANCE_N = 1e-4
 """Largest error of the contact force in a solution, N. Chosen: far below the noise of every sensor."""
 _CONTRACTION = 0.6
 """Share of the error that an iteration may leave; if more remains, the contact is linearised again. Chosen."""
@@ -49,7 +51,7 @@ once.
 """
 _NEAR_M = 2e-3
 """Displacement of the tool after which the compliance is computed again, m. Chosen."""
-_ON_GRID = 1e-6
+_ON_GRID = 1e-5
 """Distance from a grid point, in steps, at which a time is that of the point. Chosen: far above a rounding error."""
 _GAP_S = 5.0
 """Longest time without a reader, s. After a longer time, the tool restarts from its equilibrium. Chosen."""
@@ -57,6 +59,10 @@ _GAP_S = 5.0
 
 def _forget() -> None:
     """Do nothing, because there is no memory."""
+
+
+def _no_plane() -> None:
+    """Return None, because the surface is not a plane."""
 
 
 class Contact(NamedTuple):
@@ -70,6 +76,8 @@ class Contact(NamedTuple):
     """
     keep: Callable[[], object] = _forget
     """Callback for when the motion of the last call of `force` has been accepted."""
+    plane: Callable[[], PlaneLaw | None] = _no_plane
+    """Function that returns the law to which `force` reduces at present; None if it depends on more than that."""
 
 
 class Bearing(NamedTuple):
@@ -116,8 +124,14 @@ class CompliantPath:
         """Deflection, deflection velocity, contact force, and velocity of the rigid arm at each grid point."""
         self._linear: Floats | None = None
         """Matrix for the contact that was linearised last, which maps the error of its force to the correction."""
-        self._oldest = self._newest = 0
-        """Numbers of the oldest and the newest known grid point; no point is known before the first read."""
+        self._oldest = self._newest = self._readable = 0
+        """Numbers of the oldest and the newest known grid point, and of the newest that may be computed.
+
+        No point is known before the first read.
+        """
+        self._plane: PlaneContact | None = None
+        """Contact with the plane `_law`, or None if it must be made anew."""
+        self._law: PlaneLaw | None = None
         self._begun, self._origin = False, grid.powered_at
 
     # --- as a path
@@ -128,11 +142,17 @@ class CompliantPath:
 
     def committed_until(self, now: float) -> float:
         """Return the time up to which the path is committed, s; see `ArmPath.committed_until`."""
-        return self._path.committed_until(now)
+        return self._readable_until(now, self._path.committed_until(now))
 
     def predicted_until(self, now: float) -> float:
         """Return the time up to which the path may be read, s; see `ArmPath.predicted_until`."""
-        return self._path.predicted_until(now)
+        return self._readable_until(now, self._path.predicted_until(now))
+
+    def _readable_until(self, now: float, limit: float) -> float:
+        """Return the time of the newest grid point up to which the path of the arm may be read, at least `now`, s."""
+        point = self._point_before(limit)
+        self._readable = max(self._readable, point)
+        return max(now, self._origin + point * self._step)
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
         """Return the orientations of the rigid arm; see `ArmPath.orientations`.
@@ -228,6 +248,7 @@ class CompliantPath:
     def _extend(self, begin: float, end: float) -> None:
         """Compute every grid point up to `end`, s."""
         last, gap = self._point_before(end), math.ceil(_GAP_S / self._step)
+        last = max(last, min(last + 1, self._readable))
         if not self._begun or last - self._newest > gap:
             self._start(max(min(self._point_before(begin), last - gap), 0))
         while self._newest < last:
@@ -257,13 +278,17 @@ class CompliantPath:
         """Return compliance and sag near a position of the rigid arm, m, at the time when the arm is there, s."""
         if self._bearing is None or np.abs(position - self._borne_at).max() > _NEAR_M:
             self._bearing, self._borne_at = self._bearing_at(time), position
-            self._linear = None
+            self._linear = self._plane = None
         return self._bearing
 
     def _solve(self, times: Floats, positions: Floats, velocities: Floats) -> None:
         """Compute the points at times[1:], or at least the first of them."""
         start = self._rows[self._newest % _KEPT]
         bearing = self._borne(float(times[0]), positions[0])
+        # the compliance changes at the same points, whatever the blocks are
+        far = np.abs(positions[1:] - self._borne_at).max(axis=1) > _NEAR_M
+        end = int(np.argmax(far)) + 2 if far.any() else len(times)
+        times, positions, velocities = times[:end], positions[:end], velocities[:end]
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
         sag = self._mode.stiffness * bearing.sag[:3]
         points, grid = len(times) - 1, self._responses
@@ -279,16 +304,33 @@ class CompliantPath:
             positions[1:],
             velocities[1:],
         )
+        if (law := self._contact.plane()) is not None:
+            self._solve_on_plane(block, law, is_free=not start[6:9].any())
+            return
         if not start[6:9].any():
             force = self._contact.force(block.times, block.positions + base[0], block.velocities + base[1])
             if not force.any():
                 self._note(block, base, force)
                 return
-        elif self._solve_as_linear(block, start[6:9]):
+        elif self._solve_as_linear(block.first(min(points, _SOME_POINTS)), start[6:9]):
             return
         points = min(points, _FEW_POINTS)
         while not self._solved(block.first(points), start[6:9], points == 1):
             points = (points + 1) // 2
+
+    def _solve_on_plane(self, block: "_Block", law: PlaneLaw, is_free: bool) -> None:
+        """Solve a block for a tool that may touch a plane.
+
+        `is_free` states that it does not touch it at the last solved point.
+        """
+        if self._plane is None or law is not self._law:
+            self._plane, self._law = PlaneContact(law, self._responses, block.compliance), law
+        positions = block.positions + block.base[0]
+        if is_free and self._plane.is_free(positions):
+            self._note(block, block.base, np.zeros_like(positions))
+            return
+        forces = self._plane.forces(positions, block.velocities + block.base[1])
+        self._note(block, block.response(forces), forces)
 
     def _solve_as_linear(self, block: "_Block", force: Floats) -> bool:
         """Solve a block whose contact stays nearly linear; return whether the iteration converges.
@@ -306,7 +348,7 @@ class CompliantPath:
                     block.velocities[middle] + moved[1, middle],
                 )
                 self._linear = linear = self._responses.joined(
-                    by_position[0], by_velocity[0], block.compliance
+                    _SOME_POINTS, by_position[0] @ block.compliance, by_velocity[0] @ block.compliance
                 )
             before = math.inf
             for _ in range(_ITERATIONS):

@@ -8,8 +8,8 @@ import numpy as np
 
 from emulators.seams import Floats
 
-POINTS = 32
-"""Number of grid points solved at once. Chosen."""
+POINTS = 128
+"""Largest number of grid points solved at once. Chosen."""
 
 
 class Mode(NamedTuple):
@@ -50,14 +50,15 @@ class Responses(NamedTuple):
     settled: Floats
     """Response to an acceleration that is constant from the current point on, (2, n)."""
 
-    def joined(self, by_position: Floats, by_velocity: Floats, compliance: Floats) -> Floats:
+    def joined(self, points: int, by_position: Floats, by_velocity: Floats) -> Floats:
         """Return the matrix (3 n, 3 n) that maps the error of a force to its correction, for a linear contact.
 
-        `by_position` and `by_velocity` (3, 3) are the slopes of the contact. The upper left corner of the matrix
-        applies to fewer points.
+        `by_position` and `by_velocity` (3, 3) are the slopes of the contact times the compliance. The upper left
+        corner of the matrix applies to fewer points.
         """
-        slopes = (by_position @ compliance)[None], (by_velocity @ compliance)[None]
-        return np.array(np.linalg.inv(coupling_matrix(self.forced[:, :, 1:], *slopes)), np.float64)
+        forced = self.forced[:, :points, 1 : points + 1]
+        coupling = coupling_matrix(forced, by_position[None], by_velocity[None])
+        return np.array(np.linalg.inv(coupling), np.float64)
 
 
 @lru_cache(maxsize=8)

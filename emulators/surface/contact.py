@@ -20,6 +20,7 @@ from emulators.faults.ledger import Handler
 from emulators.surface.face import FACE_NEEDS_NO_MEMORY, Face
 from emulators.surface.faults import SurfaceFaults
 from emulators.surface.materials import Linear, Memory
+from emulators.surface.plane_law import PlaneLaw
 from emulators.surface.profile import SurfaceKind, SurfaceProfile
 from emulators.surface.removal import Removal, Removed, State
 from emulators.surface.shapes import Plane
@@ -135,6 +136,26 @@ class Contact:
         if isinstance(self._surface, Plane) and not self._extent.is_bounded and profile.wall_at_mm is None:
             depth, normals = self._unworn_depth_and_normal(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
+
+        self._plane = self._plane_law()
+
+    def _plane_law(self) -> PlaneLaw | None:
+        """Return the law of this surface if it is a plane of linear material that does not wear; None otherwise."""
+        if self._level is None or not isinstance(self._material, Linear):
+            return None
+        if self._removal is not None or not self._uniform:
+            return None
+        (depth, normal), friction = self._level, self._friction
+        x, y, z = normal[:, 0].tolist()
+        law = self._material
+        return PlaneLaw(
+            depth, (x, y, z), law.stiffness, law.damping, friction.coefficient, friction.smoothing
+        )
+
+    @property
+    def plane(self) -> PlaneLaw | None:
+        """Law to which the force reduces while the surface has no fault; None for a surface with more than that."""
+        return None if self.faults.faulty else self._plane
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
