@@ -213,6 +213,10 @@ class TruthRecord(Struct, frozen=True):
     """Outward unit normal of the surface below the tool in the robot base frame; unknown if the surface has no
     normals.
     """
+    deflection: Vector = (math.nan,) * 3
+    """True tool position minus the position that the robot's encoders measure, robot base frame, m: 0 for a rigid
+    arm; unknown in older recordings.
+    """
 
 
 class FaultNote(Struct, frozen=True):

@@ -13,10 +13,22 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from msgspec.structs import replace
 
+from emulators.tool import ToolProfile
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.contact_force import find_across
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import EventKind, EventRecord, Recorder, Recording, TruthRecord, Writing, read
+from hil_bridge.record import (
+    CycleRecord,
+    EventKind,
+    EventRecord,
+    Recorder,
+    Recording,
+    TruthRecord,
+    Writing,
+    read,
+)
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.removed_map import (
     BYTES_LIMIT,
     CELLS_LIMIT,
@@ -31,7 +43,8 @@ from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config, read_config
 from hil_bridge.show.charts.map_painter import paint_map
 from hil_bridge.show.charts.maps import removed_map
-from hil_bridge.show.charts.surface import tilt_deg, touches
+from hil_bridge.show.charts.run import run_charts
+from hil_bridge.show.charts.surface import deflection_um, tilt_deg, touches
 from hil_bridge.show.report.surface_section import surface_section
 from tests.near_surface import WHOLE
 from tests.recordings import Recordings
@@ -76,7 +89,7 @@ def test_older_truth_record_has_no_normal() -> None:
     old = b'{"cycle":1,"at":2.0,"position":[0,0,0],"force":[0,0,0],"joints_deg":[0,0,0,0,0,0],"faults":[]}'
     truth = TRUTH.decode(old)
     assert isinstance(truth, TruthRecord)
-    assert all(map(math.isnan, (*truth.quaternion, *truth.normal)))
+    assert all(map(math.isnan, (*truth.quaternion, *truth.normal, *truth.deflection)))
 
 
 def test_unknown_normal_roundtrip() -> None:
@@ -284,6 +297,72 @@ def test_report_without_surface_data_omits_section(recordings: Recordings) -> No
     bare = tuple(replace(truth, normal=(math.nan,) * 3) for truth in recording.truths)
     assert surface_section(dataclasses.replace(recording, truths=bare)) == ""
     assert surface_section(dataclasses.replace(recording, truths=())) == ""
+
+
+STIFF_N_M = 30e3
+COMPLIANT = {
+    "run": {"duration_s": 2.0},
+    "cell": {"arm": {"compliance": "cartesian", "stiffness_n_m": [STIFF_N_M] * 3 + [0.0] * 3}},
+    "task": {"force_n": 40.0},
+}
+WEIGHT_N = 9.80665 * ToolProfile().mass_kg
+
+
+def steady_cycles(recording: Recording) -> list[tuple[CycleRecord, TruthRecord]]:
+    """Return the last cycles of the contact, in which the tool stays at its depth."""
+    pairs = zip(recording.cycles, recording.truths, strict=True)
+    return [(cycle, truth) for cycle, truth in pairs if cycle.phase == Phase.TRACK][-5:]
+
+
+def test_truth_deflection_is_force_over_stiffness(recordings: Recordings) -> None:
+    """Along the approach, where the sensor deflects by only 2 µm more."""
+    for _, truth in steady_cycles(recordings(COMPLIANT)):
+        expected = (truth.force[2] - WEIGHT_N) / STIFF_N_M
+        assert truth.deflection[2] == pytest.approx(expected, abs=5e-6)
+
+
+def test_position_without_deflection_is_reported(recordings: Recordings) -> None:
+    recording = recordings(COMPLIANT)
+    step = devices_of(recording).robot.position_step_m
+    assert step is not None
+    for cycle, truth in steady_cycles(recording):
+        measured = truth.position[2] - truth.deflection[2]
+        assert cycle.sample.position[2] == pytest.approx(measured, abs=0.51 * step)
+        assert abs(cycle.sample.position[2] - truth.position[2]) > 5.0 * step
+
+
+def test_report_of_compliant_arm_contains_deflection(recordings: Recordings) -> None:
+    recording = recordings(COMPLIANT)
+    charts, _ = run_charts(recording)
+    (chart,) = (one for one in charts.charts if one.id == "deflection")
+    back, across = (charts.sources[one.source][one.column] for one in chart.series)
+    assert back == pytest.approx([1e6 * one.deflection[2] for one in recording.truths], rel=1e-5, abs=1e-3)
+    lateral = [1e6 * math.hypot(*one.deflection[:2]) for one in recording.truths]
+    assert across == pytest.approx(lateral, rel=1e-5, abs=1e-3)
+    text = report_text(recording)
+    sentence = re.search(r"deflected by at most (\S+) µm .*; about (\S+) µm per newton", text)
+    assert sentence is not None
+    largest, ratio = map(float, sentence.groups())
+    touched = [1e6 * math.hypot(*one.deflection) for one in recording.truths if touches(one)]
+    assert largest == pytest.approx(max(touched), abs=0.5)
+    assert ratio == pytest.approx(1e6 / STIFF_N_M, rel=0.05)
+    assert "47 ms old, rounded to 0.125 mm." in text
+
+
+def test_deflection_of_rigid_or_unknown_arm_is_not_drawn(recordings: Recordings) -> None:
+    rigid = recordings(WHOLE)
+    assert {truth.deflection for truth in rigid.truths} == {(0.0, 0.0, 0.0)}
+    unknown = tuple(replace(truth, deflection=(math.nan,) * 3) for truth in recordings(COMPLIANT).truths)
+    for recording in (rigid, dataclasses.replace(recordings(COMPLIANT), truths=unknown)):
+        charts, _ = run_charts(recording)
+        assert "deflection" not in {chart.id for chart in charts.charts}
+        assert "deflected" not in report_text(recording)
+
+
+def test_deflection_is_split_along_and_across_approach() -> None:
+    truth = TruthRecord(1, 2.0, 1.9, 2.1, (0.0,) * 3, (0.0,) * 3, (0.0,) * 6, deflection=(3e-6, 4e-6, 12e-6))
+    assert deflection_um(truth, (0.0, 0.0, -1.0)) == pytest.approx((12.0, 5.0))
+    assert deflection_um(truth, (0.6, 0.8, 0.0)) == pytest.approx((-5.0, 12.0))
 
 
 def test_tilt_is_angle_between_axis_and_inward_normal() -> None:

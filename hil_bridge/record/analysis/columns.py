@@ -31,7 +31,7 @@ _UNITS: Mapping[str, str] = {
     **dict.fromkeys(("force", "force_reference", "paired_force", "witness", "hidden", "resultant"), "N"),
     **dict.fromkeys(("force_travel", "force_across", "peak_force", "peak_resultant"), "N"),
     **dict.fromkeys(("position", "target", "start", "depth", "depth_commanded", "correction"), "m"),
-    **dict.fromkeys(("travel_commanded", "across_commanded"), "m"),
+    **dict.fromkeys(("travel_commanded", "across_commanded", "deflection"), "m"),
     **dict.fromkeys(("now", "answer_s", "gap", "unchanged", "overdue"), "s"),
     "peak_moment": "N·m",
     "stiffness": "N/m",

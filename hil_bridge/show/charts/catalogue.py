@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from hil_bridge.devices.facts import Pacing
 from hil_bridge.show.charts.columns import FEED, LEVELS, NORMALS, SIGMA, Arrays
 from hil_bridge.show.charts.facts import ChartFacts
+from hil_bridge.show.charts.surface import LEAST_DEFLECTION_UM
 from hil_bridge.show.pages.description import Axis, Band, Chart, Layer, Limit, Series
 
 CYCLE, TRUTH, STREAM = "cycle", "truth", "stream"
@@ -78,6 +79,18 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             height_px=250,
             zero=True,
             least_span=2.0,
+        ),
+        Chart(
+            "deflection",
+            "Deflection of the tool from the position that the encoders measure (truth)",
+            "µm",
+            (
+                Series(TRUTH, "deflection", "against the approach", "truth", layer=TRUTH),
+                Series(TRUTH, "deflection_across", "across the approach", "2", width=1.0, layer=TRUTH),
+            ),
+            height_px=170,
+            zero=True,
+            quiet_span=LEAST_DEFLECTION_UM,
         ),
         Chart(
             "lateral",

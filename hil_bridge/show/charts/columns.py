@@ -12,7 +12,7 @@ from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord, TruthRecord
 from hil_bridge.show.charts.facts import ChartFacts
-from hil_bridge.show.charts.surface import tilt_deg, touches
+from hil_bridge.show.charts.surface import deflection_um, tilt_deg, touches
 from protocol.geometry import tool_axis
 
 ROW_S = 0.04
@@ -37,7 +37,7 @@ CYCLE = (
     *(f"{name}{end}" for name in NORMALS for end in ("", "_low", "_high")),
     *(*PLACE, "in_contact"),
 )
-TRUTH = ("x", "force", "depth", *PLACE, "tilt", "tilt_touching")
+TRUTH = ("x", "force", "depth", *PLACE, "tilt", "tilt_touching", "deflection", "deflection_across")
 TABLES = {"cycle": CYCLE, "truth": TRUTH}
 _FORCE = CYCLE.index("force")
 Value: TypeAlias = float | None
@@ -187,7 +187,11 @@ class Columns:
         self._due["truth"] = record.at + self._row_s * 0.999
         self._add(
             "truth",
-            (record.at - self._began, force, depth, *place, tipped, tipped if touches(record) else None),
+            (
+                *(record.at - self._began, force, depth, *place),
+                *(tipped, tipped if touches(record) else None),
+                *deflection_um(record, self.approach),
+            ),
         )
 
     def _place(self, position: Sequence[float]) -> list[float]:
