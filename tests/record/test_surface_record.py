@@ -315,10 +315,10 @@ def steady_cycles(recording: Recording) -> list[tuple[CycleRecord, TruthRecord]]
 
 
 def test_truth_deflection_is_force_over_stiffness(recordings: Recordings) -> None:
-    """Along the approach, where the sensor deflects by only 2 µm more."""
+    """Along the approach, where the sensor adds 2 µm and the tool still oscillates by some µm."""
     for _, truth in steady_cycles(recordings(COMPLIANT)):
         expected = (truth.force[2] - WEIGHT_N) / STIFF_N_M
-        assert truth.deflection[2] == pytest.approx(expected, abs=5e-6)
+        assert truth.deflection[2] == pytest.approx(expected, rel=0.01)
 
 
 def test_position_without_deflection_is_reported(recordings: Recordings) -> None:
@@ -350,7 +350,7 @@ def test_report_of_compliant_arm_contains_deflection(recordings: Recordings) -> 
 
 
 def test_deflection_of_rigid_or_unknown_arm_is_not_drawn(recordings: Recordings) -> None:
-    rigid = recordings(WHOLE)
+    rigid = recordings(settings())
     assert {truth.deflection for truth in rigid.truths} == {(0.0, 0.0, 0.0)}
     unknown = tuple(replace(truth, deflection=(math.nan,) * 3) for truth in recordings(COMPLIANT).truths)
     for recording in (rigid, dataclasses.replace(recordings(COMPLIANT), truths=unknown)):

@@ -19,6 +19,18 @@ CYCLE, TRUTH, STREAM = "cycle", "truth", "stream"
 """Names of the sources; the last two are also names of layers."""
 TIME = "time"
 _AXES = "xyz"
+_DEFLECTION = Chart(
+    "deflection",
+    "Deflection of the tool from the position that the encoders measure (truth)",
+    "µm",
+    (
+        Series(TRUTH, "deflection", "against the approach", "truth", layer=TRUTH),
+        Series(TRUTH, "deflection_across", "across the approach", "2", width=1.0, layer=TRUTH),
+    ),
+    height_px=170,
+    zero=True,
+    quiet_span=LEAST_DEFLECTION_UM,
+)
 
 
 class LimitLine(NamedTuple):
@@ -80,18 +92,7 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             zero=True,
             least_span=2.0,
         ),
-        Chart(
-            "deflection",
-            "Deflection of the tool from the position that the encoders measure (truth)",
-            "µm",
-            (
-                Series(TRUTH, "deflection", "against the approach", "truth", layer=TRUTH),
-                Series(TRUTH, "deflection_across", "across the approach", "2", width=1.0, layer=TRUTH),
-            ),
-            height_px=170,
-            zero=True,
-            quiet_span=LEAST_DEFLECTION_UM,
-        ),
+        _DEFLECTION,
         Chart(
             "lateral",
             "Force across the approach",
