@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from emulators.arm.compliance import ArmProfile, Load, bearing_of, mode_of
+from emulators.arm.compliance import ArmProfile, Load, bearing_of, mode_of, with_joints
 from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid
 from emulators.arm.compliant_path import Contact as ToolContact
 from emulators.arm.end_compliance import end_compliance
@@ -193,12 +193,12 @@ class Cell(Generic[Robot, Sensor]):
         self.ledger.attach("obstacle", self._obstacles.handlers)
 
     def _compliant_path(self, sensor: SensorStiffness | None) -> CompliantPath | None:
-        """Return the path of the tool on a compliant arm, or of a compliant tool; None if both are rigid.
-
-        Raises ValueError for a robot that does not support the configured compliance.
-        """
+        """Return the path of the tool on a compliant arm, or of a compliant tool; None if both are rigid."""
         tool, arm = self._profile.tool, self._profile.arm
-        if arm.compliance == "rigid" and tool.stiffness_n_m is None:
+        is_rigid = arm.compliance == "rigid" or (
+            arm.compliance == "joints" and with_joints(self.robot) is None
+        )
+        if is_rigid and tool.stiffness_n_m is None:
             return None
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))

@@ -111,7 +111,10 @@ class EmulatedRobot(Protocol):
         """
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        """Return the joint angles for the true `pose` at the time `at`, s; None if the robot has no kinematics."""
+        """Return the joint angles for the true `pose` at the time `at`, s.
+
+        None if the robot has no kinematics, or no joints hold this pose.
+        """
 
 
 ContactSource: TypeAlias = Callable[[float], Vector]

@@ -38,6 +38,7 @@ class ArmProfile:
         Mark.CHOSEN,
         "rigid, or compliant by its joints' stiffness, or by a measured Cartesian stiffness",
     )
+    """A robot without a model of its joints is rigid unless its Cartesian stiffness is given."""
     joint_stiffness_nm_rad: PerAxis | None = setting(
         None,
         Mark.DERIVED,
@@ -123,30 +124,38 @@ class Load(NamedTuple):
 def bearing_of(
     arm: ArmProfile, robot: EmulatedRobot, load: Load, end: EndCompliance = RIGID_END
 ) -> Callable[[float], Bearing]:
-    """Return a function that maps the time, s, to the bearing of a robot's tool. `end` acts on a rigid arm, too.
+    """Return a function that maps the time, s, to the bearing of a robot's tool. `end` acts on a rigid arm, too."""
+    if arm.compliance == "joints" and (articulated := with_joints(robot)) is not None:
+        stiffness = arm.joint_stiffness_nm_rad or articulated.joint_stiffness
+        return _bearing_by_joints(robot, articulated, stiffness, load, end)
+    constant = np.zeros((6, 6))
+    if arm.compliance == "cartesian":
+        constant[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
+    return lambda time: _bearing(constant, _rigid_pose(robot, time), load, end)
 
-    Raises ValueError if the compliance is configured as the compliance of the joints and the robot has no model of
-    its joints.
+
+def with_joints(robot: object) -> ArticulatedRobot | None:
+    """Return the robot if it has a model of its joints; None otherwise."""
+    return robot if isinstance(robot, ArticulatedRobot) else None
+
+
+def _bearing_by_joints(
+    robot: EmulatedRobot, articulated: ArticulatedRobot, stiffness: Joints, load: Load, end: EndCompliance
+) -> Callable[[float], Bearing]:
+    """Return a function that maps the time, s, to the bearing by the stiffness of the joints, N·m/rad.
+
+    `robot` and `articulated` are the same robot. Where no joints hold its pose, beyond the edge of its work area, the
+    last joints remain.
     """
-    articulated: object = robot
-    if arm.compliance != "joints":
-        constant = np.zeros((6, 6))
-        if arm.compliance == "cartesian":
-            constant[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
-        return lambda time: _bearing(constant, _rigid_pose(robot, time), load, end)
-    if not isinstance(articulated, ArticulatedRobot):
-        raise ValueError(
-            'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
-        )
-    joined = articulated
-    stiffness = arm.joint_stiffness_nm_rad or joined.joint_stiffness
+    arm = np.zeros((6, 6))
 
     def bearing(time: float) -> Bearing:
+        nonlocal arm
         pose = _rigid_pose(robot, time)
         joints = robot.joints_holding(pose, time)
-        if joints is None:
-            raise ValueError("no joints hold the tool where the arm is")
-        return _bearing(joint_compliance(joined, joints, stiffness), pose, load, end)
+        if joints is not None:
+            arm = joint_compliance(articulated, joints, stiffness)
+        return _bearing(arm, pose, load, end)
 
     return bearing
 

@@ -130,7 +130,7 @@ class CompliantPath:
         No point is known before the first read.
         """
         self._plane: PlaneContact | None = None
-        """Contact with the plane `_law`, or None if it must be made anew."""
+        """Contact with the plane `_law`, or None if it must be derived again."""
         self._law: PlaneLaw | None = None
         self._begun, self._origin = False, grid.powered_at
 

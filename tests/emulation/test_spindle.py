@@ -165,9 +165,9 @@ def test_robot_estimates_contact_without_unbalance(monkeypatch: pytest.MonkeyPat
 def test_wrench_is_independent_of_reads(cuts: list[int], radius_mm: float) -> None:
     times = SETTLED + np.arange(1400) / 7000
     tool: dict[str, Any] = {"spindle_rpm": 11_234.0, "face_radius_mm": radius_mm, "face_rings": 1}
-    whole, cut = (cell_at(PRESSED, **tool) for _ in range(2))
+    once, cut = (cell_at(PRESSED, **tool) for _ in range(2))
     parts = [cut.wrench(part) for part in np.split(times, sorted(cuts))]
-    np.testing.assert_array_equal(np.concatenate(parts), whole.wrench(times))
+    np.testing.assert_array_equal(np.concatenate(parts), once.wrench(times))
 
 
 def test_material_with_memory_receives_run_out_between_reads() -> None:
@@ -208,7 +208,7 @@ def test_unbalance_moves_compliant_arm(rpm: float) -> None:
     ratio = hertz / 15.0
     response = 1.0 / (1.0 - ratio**2 + 2j * 0.03 * ratio)
     expected = centrifugal(rpm, 50.0) / ARM_STIFFNESS * abs(response) * np.sinc(hertz * STEP_S) ** 2
-    # by a fit, because 20 000 turns a minute have no whole number of periods in a second
+    # by a fit, because 20 000 turns a minute do not have an integer number of periods in a second
     base = np.column_stack((np.exp(1j * math.tau * hertz * times), np.exp(-1j * math.tau * hertz * times)))
     base = np.column_stack((base, np.ones(len(times))))
     fitted = np.linalg.lstsq(base, offset[:, :2].astype(complex), rcond=None)[0]
