@@ -18,7 +18,6 @@ NO_ERROR: dict[str, Any] = {
     "force_slope_n_min": 0.0,
     "force_offset_n": 0.0,
     "force_pose_error_n": (0.0, 0.0),
-    "force_mode_lag_cycles": 0,
 }
 """Settings of `[cell.rtde]` without errors."""
 

@@ -83,7 +83,7 @@ class Compliance:
         if self._free:
             return Admittance(gain, turn_gain, 1.0, profile.freedrive_least_n)
         scale = self.gain_scaling
-        least, lag = profile.force_mode_least_n, profile.force_mode_lag_cycles
+        least, lag = profile.force_mode_least_n, profile.force_mode_lag_ms * 1e-3
         return Admittance(gain * scale, turn_gain * scale, self.damping, least, lag)
 
     def step(self, arm: JointArm, paces: Paces, plays: bool, tool: ToolState) -> str:

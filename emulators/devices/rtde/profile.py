@@ -304,10 +304,11 @@ class RtdeProfile:
         unit="N",
     )
     force_mode_gain_mm_s_n: float = setting(
-        0.4,
-        _A,
-        "force mode: speed along a compliant axis per newton of force error, at a gain scaling "
-        "of 1; the final speed at a damping of 0.025, which ur_rtde and the maker's drivers set",
+        0.77,
+        Mark.DERIVED,
+        "force mode: speed along a compliant axis in contact per newton of force error, at a gain "
+        "scaling of 1. From the lag, so that the axis accelerates as a mass of 65 kg without a "
+        "contact (a UR10e, doi:10.5194/ms-13-361-2022)",
         above(0.0),
         unit="mm/s/N",
     )
@@ -318,13 +319,14 @@ class RtdeProfile:
         above(0.0),
         unit="rad/s/(N·m)",
     )
-    force_mode_lag_cycles: int = setting(
-        40,
-        _A,
-        "cycles in which an undamped compliant axis reaches that speed, so that it moves as a mass: "
-        "200 kg along an axis. By 1/0.025, the drivers' damping. 0: no mass, damping without effect "
-        "on an axis under a force",
-        between(0, 10_000),
+    force_mode_lag_ms: float = setting(
+        50.0,
+        Mark.DERIVED,
+        "time constant with which a compliant axis in contact reaches that speed; without a contact, "
+        "its speed grows without a bound. From the speed of a UR10e after its impact (same source). "
+        "0: it has that speed at once",
+        between(0.0, 10_000.0),
+        unit="ms",
     )
     force_mode_gain_scaling: float = setting(
         1.0, _A, "scaling of these gains when a program starts", between(0.0, 2.0)
