@@ -24,9 +24,9 @@ NEW = exact_profile(version="5.21.0.0")
 class Bench:
     """Robot, a client of its script port, and the time."""
 
-    def __init__(self, profile: RtdeProfile = NEW) -> None:
+    def __init__(self, profile: RtdeProfile = NEW, start: StartPose = START, seed: int = 7) -> None:
         self.now = T0
-        self.robot = RtdeRobot(profile, START, T0, 7)
+        self.robot = RtdeRobot(profile, start, T0, seed)
         self.controller = self.robot.controller
         server = self.robot.connect(Port.SCRIPT, T0)
         assert server is not None

@@ -2,9 +2,10 @@
 
 Source: R. Trochimczuk et al., "Experimental Evaluation of UR5e Collaborative Robot Force Control in Low-Force
 Applications", Sensors 26 (2026) 1709, doi:10.3390/s26051709. With 10 N desired in force mode, the mean contact force
-was 8.95 N to 13.26 N, depending on the place in the work space. The abstract does not state the cause.
+was 8.95 N to 13.26 N, depending on the place in the work space. The abstract does not state the cause, and the forces
+of single places are in its tables, which this project has not seen.
 
-Assumed: the error vanishes without a contact, because force mode is used after zero_ftsensor(), which would remove a
+Assumed: the error is one of the measured force, and the range holds for every arm, also for a CB3. The error vanishes without a contact, because force mode is used after zero_ftsensor(), which would remove a
 constant one. It is proportional to the force up to 10 N, the largest force of that paper, and constant above: at the
 largest forces, a proportional error would exceed any accuracy that a manufacturer specifies. It acts along the
 contact force.
@@ -21,11 +22,12 @@ _MEASURED_N = 10.0
 """Reported force at which the published range holds, N. Source: the paper."""
 _WAVES = 2
 """Number of waves over the joint angles whose mean is the error. Chosen: over 25 places of the work space of a UR5e
-with its tool down, the contact force at 10 N then varies by 3.8 N in the median over the seeds, and by 4.3 N at most.
+with its tool down, the contact force at 10 N then varies by 3.8 N in the median over the seeds, by less than 2.5 N
+for a tenth of them, and by 4.3 N at most.
 """
 _PERIODS = (1, 2)
-"""Periods of a wave in one turn of a joint. Chosen: an error of a joint or its gear repeats after a full turn, and
-varies little over the 0.1 rad within which a task moves.
+"""Periods of a wave in one turn of a joint. Chosen: an error of a joint repeats after a full turn, and these are the
+fewest periods, so that the error varies slowly along a path.
 """
 
 
