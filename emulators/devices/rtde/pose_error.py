@@ -5,10 +5,10 @@ Applications", Sensors 26 (2026) 1709, doi:10.3390/s26051709. With 10 N desired 
 was 8.95 N to 13.26 N, depending on the place in the work space. The abstract does not state the cause, and the forces
 of single places are in its tables, which this project has not seen.
 
-Assumed: the error is one of the measured force, and the range holds for every arm, also for a CB3. The error vanishes without a contact, because force mode is used after zero_ftsensor(), which would remove a
-constant one. It is proportional to the force up to 10 N, the largest force of that paper, and constant above: at the
-largest forces, a proportional error would exceed any accuracy that a manufacturer specifies. It acts along the
-contact force.
+Assumed: the error is one of the measured force, and the range holds for every arm, also for a CB3. The error vanishes
+without a contact, because force mode is used after zero_ftsensor(), which would remove a constant one. It is
+proportional to the force up to 10 N, the largest force of that paper, and constant above: at the largest forces, a
+proportional error would exceed any accuracy that a manufacturer specifies. It acts along the contact force.
 """
 
 import math
