@@ -143,7 +143,7 @@ def test_sensor_at_wrist_ignores_pose_error(kind: str) -> None:
             robot.controller.advance(T0 + cycle * robot.controller.period)
         wrenches.append(cell.wrench(T0 + np.linspace(0.5, 1.3, 50)))
         own_forces.append(robot.controller.force.tool_force[2])
-    np.testing.assert_array_equal(*wrenches)
+    np.testing.assert_array_equal(wrenches[0], wrenches[1])
     assert np.abs(wrenches[0]).max() > 1.0
     assert abs(own_forces[0] - own_forces[1]) > 0.1
 
