@@ -10,7 +10,7 @@ Sci. 13 (2022) 361, doi:10.5194/ms-13-361-2022, with their plots in
 JKU-Linz-Institute-of-Robotics/ur10e_force_control_comparison on GitHub.
 
 - Without a contact, an axis accelerates as a mass of 65 kg divided by the gain scaling: 0.13 m/s² for 15 N at a
-  scaling of 0.5, 0.23 m/s² at 1, and 0.28 m/s² for 35 N at 0.5. The speed still grows at 0.2 m/s.
+  scaling of 0.5, 0.23 m/s² at 1, and 0.28 m/s² for 35 N at 0.5. At 0.2 m/s, it still accelerates.
 - In contact, it also loses speed with a time constant of 50 ms. If this law receives the recorded force with a delay
   of 20 ms, its speed from 0.08 to 1.5 s after the impact differs from the recorded one by 0.3 (15 N at a scaling of 1),
   0.5 (35 N) and 0.6 (55 N) of that speed's root mean square, and by 0.85 for 15 N at 0.5. Without that loss, it
