@@ -31,6 +31,8 @@ Chosen.
 """
 _SHARE = 0.1
 """Share of the contact, from its beginning, that determines the height of the surface. Chosen."""
+_SERIES = "The stiffness of the surface contains that of arm, sensor and tool; the emulated ones are rigid."
+"""Comment of a configuration with an identified stiffness."""
 _MM = 1e3
 
 
@@ -53,10 +55,12 @@ def profile_text(identified: Identified, source: str) -> str:
         )
     if faults := list(_faults(identified)):
         values = {"faults": faults, **values}
-    notes = (
+    notes = [
         f"Identified from {source}; one value and its 95 % interval per line.",
         *(f"  {line}" for line in describe(identified.values, methods=False)),
-    )
+    ]
+    if "arm" in values.get("cell", {}):
+        notes.append(_SERIES)
     return toml(values, notes)
 
 
@@ -110,7 +114,7 @@ def _sensor(identified: Identified) -> Sections:
 
 
 def _cell(identified: Identified) -> Sections:
-    """Return the surface, the start pose and the tool of the emulated cell."""
+    """Return the surface, the start pose, the arm and the tool of the emulated cell."""
     config, observations, values = identified.config, identified.seen, identified.values
     surface: dict[str, Any] = {}
     stiffness = values.get(STIFFNESS.key)
@@ -123,6 +127,8 @@ def _cell(identified: Identified) -> Sections:
             full = _full_friction(identified) if quantity is FRICTION else 1.0
             surface[name] = _rounded(max(value, 0.0) * full)
     tables: dict[str, dict[str, Any]] = {"cell.surface": surface} if surface else {}
+    if "stiffness_n_m" in surface:  # an emulated arm, sensor or tool would be in series a second time
+        tables["cell.arm"] = {"compliance": "rigid"}
     exponent = values.find(EXPONENT.key)
     if (
         exponent is not None

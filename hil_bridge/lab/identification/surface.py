@@ -1,4 +1,8 @@
-"""Surface parameters identified from a recording: stiffness, damping, exponent of the depth, and friction."""
+"""Surface parameters identified from a recording: stiffness, damping, exponent of the depth, and friction.
+
+Encoders on the motors do not measure the deflection of arm, sensor and tool. The stiffness over reported depths is
+therefore that of surface, tool, sensor and arm in series: 1/k = 1/k_surface + 1/k_tool + 1/k_sensor + 1/k_arm.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -39,12 +43,17 @@ _MOST_STRETCHES = 6
 """Maximum number of contacts for which friction is identified. Chosen: with more contacts, the tool bounces."""
 _FULL_SPEED = 0.9
 """Share of the usual speed below which a sample belongs to the start or the end of the path. Chosen."""
+_UNEXPLAINED = 0.02
+"""Share of the force's variance that depth and speed may leave unexplained where damping is identified. Chosen:
+emulated contacts with a damper leave below 0.01, a compliant arm that oscillates in contact leaves more than 0.025.
+"""
 _RISE = 3.0
 """Smallest ratio of the largest to the smallest force at which a segment determines the exponent of the depth.
 Chosen.
 """
 
 STIFFNESS = Quantity("surface.stiffness", Part.SURFACE, "stiffness of the contact", "N/m")
+ALONE = Quantity("surface.alone", Part.SURFACE, "stiffness of the surface alone", "N/m")
 DAMPING = Quantity("surface.damping", Part.SURFACE, "damping of the contact", "N·s/m")
 EXPONENT = Quantity("surface.exponent", Part.SURFACE, "exponent of the depth in the force", "")
 FRICTION = Quantity("surface.friction", Part.SURFACE, "friction coefficient", "")
@@ -55,20 +64,21 @@ def surface_values(observations: Observations) -> Iterator[Value]:
     contact = observations.contact
     if contact is None:
         why = Why.NO_CONTACT if observations.stream is not None or observations.cycles else Why.NO_FORCE
-        yield from (quantity.unseen(why) for quantity in (STIFFNESS, DAMPING, EXPONENT, FRICTION))
+        yield from (quantity.unseen(why) for quantity in (STIFFNESS, ALONE, DAMPING, EXPONENT, FRICTION))
         return
     slopes = _fit_delays(contact, observations.robot)
     stiffness = jackknife(slopes[0].blocks, lambda mask: _best(slopes, mask).stiffness(mask))
     if not stiffness.half < stiffness.value:
-        yield from (quantity.unseen(Why.TOO_OPEN) for quantity in (STIFFNESS, DAMPING))
+        yield from (quantity.unseen(Why.TOO_OPEN) for quantity in (STIFFNESS, ALONE, DAMPING))
         yield _exponent(contact)
         yield _friction(contact, 0.0)
         return
     yield STIFFNESS.value(
         stiffness.wider(_SCALE_SHARE * abs(stiffness.value), "and 2 % for the sensor's creep and scale"),
         "slope of the force over the reported depth in contact, with fitted delay, without "
-        "level, slope and curvature of the surface in every 20 mm",
+        "level, slope and curvature of the surface in every 20 mm; surface, tool, sensor and arm in series",
     )
+    yield ALONE.unseen(Why.IN_SERIES)
     yield _damping(contact, _best(slopes, np.ones(len(contact.times), bool)), stiffness.value)
     yield _exponent(contact)
     yield _friction(contact, stiffness.value)
@@ -194,6 +204,9 @@ def _damping(contact: Contact, slopes: _Slopes, stiffness: float) -> Value:
     hidden = _DELAY_S * stiffness
     if not damping.low > hidden:
         return DAMPING.unseen(Why.BEHIND_DELAY)
+    mask = np.ones(len(slopes.press), bool)
+    if slopes.rest(mask) > _UNEXPLAINED * float(slopes.press @ slopes.press):
+        return DAMPING.unseen(Why.OSCILLATES)
     return DAMPING.value(
         damping.wider(hidden, "and the stiffness times a delay of 20 ms"),
         "part of the force proportional to the speed into the surface",
