@@ -6,6 +6,7 @@ therefore that of surface, tool, sensor and arm in series: 1/k = 1/k_surface + 1
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from hil_bridge.lab.fidelity.contact import fit_law
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats, smooth_noise_of
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.blocks import Ints, Mask, blocks_of, jackknife
-from hil_bridge.lab.identification.observations import Contact, Observations
+from hil_bridge.lab.identification.observations import LEAST_PRESSING, Contact, Observations
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 
 _SCALE_SHARE = 0.02
@@ -43,9 +44,9 @@ _MOST_STRETCHES = 6
 """Maximum number of contacts for which friction is identified. Chosen: with more contacts, the tool bounces."""
 _FULL_SPEED = 0.9
 """Share of the usual speed below which a sample belongs to the start or the end of the path. Chosen."""
-_UNEXPLAINED = 0.02
-"""Share of the force's variance that depth and speed may leave unexplained where damping is identified. Chosen:
-emulated contacts with a damper leave below 0.01, a compliant arm that oscillates in contact leaves more than 0.025.
+_SLOW_S = 0.2
+"""Window over which depth and force are averaged to identify the damping, s. Chosen: longer than the period of an arm's
+first mode, 0.05 to 0.13 s, so that an arm that oscillates in contact is not mistaken for a damper.
 """
 _RISE = 3.0
 """Smallest ratio of the largest to the smallest force at which a segment determines the exponent of the depth.
@@ -79,7 +80,7 @@ def surface_values(observations: Observations) -> Iterator[Value]:
         "level, slope and curvature of the surface in every 20 mm; surface, tool, sensor and arm in series",
     )
     yield ALONE.unseen(Why.IN_SERIES)
-    yield _damping(contact, _best(slopes, np.ones(len(contact.times), bool)), stiffness.value)
+    yield _damping(_slow_contact(contact), observations.robot, stiffness.value)
     yield _exponent(contact)
     yield _friction(contact, stiffness.value)
 
@@ -89,12 +90,16 @@ def _fit_delays(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
 
     A polled robot is stationary when it reports its position, so only a delay of zero applies.
     """
-    if robot.pacing is Pacing.ASKED and robot.kind:
+    if _is_polled(robot):
         rounding = (robot.position_step_m or 0.0) / math.sqrt(12.0)
         return [_slopes(contact, contact.press, 0.0, rounding, moves=False)]
     course = CubicSpline(*contact.course)  # straight lines would cut the peaks of a slow sensor
     noise = smooth_noise_of(contact.depth)
     return [_slopes(contact, course(contact.times + delay), float(delay), noise) for delay in _DELAYS_S]
+
+
+def _is_polled(robot: RobotFacts) -> bool:
+    return robot.pacing is Pacing.ASKED and bool(robot.kind)
 
 
 def _best(slopes: "Sequence[_Slopes]", mask: Mask) -> "_Slopes":
@@ -199,17 +204,39 @@ def _lateral_distance(contact: Contact) -> Floats:
     return travel
 
 
-def _damping(contact: Contact, slopes: _Slopes, stiffness: float) -> Value:
+def _slow_contact(contact: Contact) -> Contact:
+    """Return the contact with averages of depth and force over `_SLOW_S`, without the start and end of each stretch."""
+    times, slow = contact.times, np.column_stack([contact.depth, contact.press])
+    count = max(1, round(_SLOW_S / max(float(np.median(np.diff(times))), 1e-6)))
+    kept = np.zeros(len(times), bool)
+    for stretch in np.unique(contact.stretch):
+        inside = contact.stretch == stretch
+        slow[inside] = _moving_average(slow[inside], count)
+        first, last = times[inside][[0, -1]]
+        kept |= inside & (times - first > _SLOW_S / 2.0) & (last - times > _SLOW_S / 2.0)
+    return replace(
+        contact,
+        times=times[kept],
+        depth=slow[kept, 0],
+        press=slow[kept, 1],
+        place=contact.place[kept],
+        force=contact.force[kept],
+        stretch=contact.stretch[kept],
+    )
+
+
+def _damping(slow: Contact, robot: RobotFacts, stiffness: float) -> Value:
+    """Identify the damping from averages over time, without a delay: averages hardly show one."""
+    if len(slow.times) < LEAST_PRESSING:
+        return DAMPING.unseen(Why.NO_CONTACT)
+    slopes = _slopes(slow, slow.press, 0.0, 0.0, moves=not _is_polled(robot))
     damping = jackknife(slopes.blocks, slopes.damping)
     hidden = _DELAY_S * stiffness
     if not damping.low > hidden:
         return DAMPING.unseen(Why.BEHIND_DELAY)
-    mask = np.ones(len(slopes.press), bool)
-    if slopes.rest(mask) > _UNEXPLAINED * float(slopes.press @ slopes.press):
-        return DAMPING.unseen(Why.OSCILLATES)
     return DAMPING.value(
         damping.wider(hidden, "and the stiffness times a delay of 20 ms"),
-        "part of the force proportional to the speed into the surface",
+        "part of the force proportional to the speed into the surface, both averaged over 0.2 s",
     )
 
 

@@ -47,7 +47,6 @@ class Why(StrEnum):
     BOUNCES = "the tool bounces off the surface repeatedly"
     NO_RAMP = "no part of the contact has long enough rising or falling force without lateral motion"
     BEHIND_DELAY = "a delay of 20 ms between position and force would hide it"
-    OSCILLATES = "the force oscillates by more than depth and speed explain, as on a compliant arm"
     IN_SERIES = "reported poses do not show the deflection of arm, sensor and tool"
     DRIVES = "another program drives this robot"
     OF_TABLE = "a table has no packet time stamps"
