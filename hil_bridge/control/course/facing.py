@@ -52,7 +52,9 @@ the order.
 _MOST_SKEW = math.radians(10.0)
 """Largest skew that a moment may indicate. Chosen."""
 _TRUSTED_STIFFNESS = 0.3
-"""Relative error of a skew angle from the moments, because the stiffness is only estimated. Chosen."""
+"""Relative error of a skew angle from the moments, because the stiffness is only estimated. Chosen. From reported depths
+it is that of surface and arm in series, so a skew is overestimated by up to the surface's stiffness over the arm's.
+"""
 
 
 _NO_SUMS = (0.0, 0.0, 0.0, 0.0, 0.0)

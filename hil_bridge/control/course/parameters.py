@@ -42,7 +42,8 @@ class TaskParameters:
     least_stiffness_n_m: float | None = None
     """Smallest stiffness that a touch must show if the tool's weight could not verify the axis that measures the force:
     the tool moves deeper in small steps, and the force must rise. Default: a quarter of `expected_stiffness_n_m`; it
-    refuses an axis that reports less than a quarter of the force.
+    refuses an axis that reports less than a quarter of the force. Reported depths show surface and arm in series, so
+    an arm softer than a third of `expected_stiffness_n_m` needs a smaller value.
     """
     contact_threshold_n: float = 1.0
     """Force above which the tool is in contact."""

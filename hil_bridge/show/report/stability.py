@@ -182,7 +182,7 @@ def _stiffness(
     linear = _at(config, "cell.surface.material.kind") in ("linear", None)
     configured = _number(config, "cell.surface.stiffness_n_m")
     if emulated and linear and configured is not None and configured > 0.0:
-        return configured, "no estimate; configured value of the emulated surface"
+        return configured, "no estimate; configured value of the emulated surface, as on a rigid arm"
     return None
 
 
