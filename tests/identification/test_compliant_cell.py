@@ -91,7 +91,7 @@ def _pressed(numerator: list[float], denominator: list[float]) -> dict[str, Valu
     }
 
 
-def test_oscillating_arm_is_not_taken_for_damping() -> None:
+def test_oscillating_arm_is_not_identified_as_damper() -> None:
     omega = 2.0 * math.pi * FREE_HZ
     mass, damper = ARM_N_M / omega**2, 2.0 * DAMPING_RATIO * ARM_N_M / omega
     numerator = [SURFACE_N_M * damper, SURFACE_N_M * ARM_N_M]

@@ -52,8 +52,8 @@ the order.
 _MOST_SKEW = math.radians(10.0)
 """Largest skew that a moment may indicate. Chosen."""
 _TRUSTED_STIFFNESS = 0.3
-"""Relative error of a skew angle from the moments, because the stiffness is only estimated. Chosen. From reported depths
-it is that of surface and arm in series, so a skew is overestimated by up to the surface's stiffness over the arm's.
+"""Relative error of a skew angle from the moments, because the stiffness is only estimated. Chosen. From reported
+depths it is that of surface and arm in series, so a skew is overestimated by the surface's stiffness over the arm's.
 """
 
 
