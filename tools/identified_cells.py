@@ -132,7 +132,7 @@ def cell(number: int) -> dict[str, Any]:
         "robot": {"emulated": robot},
         "sensor": {"emulated": sensor},
         "task": {"expected_stiffness_n_m": HARDEST_N_M},
-        "cell": {},
+        "cell": {"arm": {"compliance": "rigid"}},
     }
     numbers = numbers_of(f"hidden cell {number}", draw.dimensions)
     drawn = json.loads(draw_values(draw, "", json.dumps(values), numbers))
