@@ -79,8 +79,6 @@ class Contact:
     """
     approach: Floats
     """Unit vector (3,) into the surface, base frame."""
-    course: tuple[Floats, Floats]
-    """Arrival times, s, and forces against the approach, N, of all samples, with or without contact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +171,6 @@ def _stream_of(run: Recording, facts: SensorFacts | None, alignment: Floats) -> 
 def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact | None:
     """Return simultaneous positions and forces of the cycles in contact, with the drift of the zero removed."""
     rows: list[tuple[float, ...]] = []
-    arrivals: list[tuple[float, float]] = []
     stretch, before = 0, ""
     for cycle in run.cycles:
         sample = cycle.sample
@@ -189,7 +186,6 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
         x, y, z = rotate(cycle.sample.quaternion, cycle.sample.wrench[:3])
         number = stretch if pressing else 0
         rows.append((at, cycle.depth, force, *cycle.sample.position, x, y, z, number))
-        arrivals.append((cycle.sample.sensor_at, cycle.force))
     if len(rows) < LEAST_PRESSING:
         return None
     table = np.array(rows)
@@ -197,11 +193,8 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
         table[:, 6:9] = _forces_in_motion(run, table, approach, alignment)
     drift = _drift_of(table)
     table[:, 6:9] -= drift
-    along = drift @ np.array(approach)
-    table[:, 2] += along
-    arrivals_s, force = np.array(arrivals).T
-    fresh = np.diff(np.maximum.accumulate(arrivals_s), prepend=-math.inf) > 0.0
-    return _select_contact(table, approach, (arrivals_s[fresh], (force + along)[fresh]))
+    table[:, 2] += drift @ np.array(approach)
+    return _select_contact(table, approach)
 
 
 def _drift_of(table: Floats) -> Floats:
@@ -266,10 +259,10 @@ def _contact_of_table(table: Table) -> Contact | None:
     if free.sum() >= LEAST_FREE:  # the table was not zeroed
         press, force = press - press[free].mean(), force - force[free].mean(axis=0)
     columns = (table.times, depth, press, place, force, np.ones(len(depth)))
-    return _select_contact(np.column_stack(columns), DOWN, (table.times, press))
+    return _select_contact(np.column_stack(columns), DOWN)
 
 
-def _select_contact(table: Floats, approach: Vector, course: tuple[Floats, Floats]) -> Contact | None:
+def _select_contact(table: Floats, approach: Vector) -> Contact | None:
     """Return the rows in contact; None if there are too few."""
     press, stretch = table[:, 2], table[:, 9]
     if not (stretch > 0).any():
@@ -279,7 +272,7 @@ def _select_contact(table: Floats, approach: Vector, course: tuple[Floats, Float
         return None
     at, depth, force, *rest = table[pressed].T
     places, forces = np.array(rest[:3]).T, np.array(rest[3:6]).T
-    return Contact(at, depth, force, places, forces, rest[6], np.array(approach), course)
+    return Contact(at, depth, force, places, forces, rest[6], np.array(approach))
 
 
 def _free_of(table: Table) -> Span:

@@ -5,16 +5,15 @@ therefore that of surface, tool, sensor and arm in series: 1/k = 1/k_surface + 1
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from hil_bridge.devices.facts import Pacing, RobotFacts
 from hil_bridge.lab.fidelity.contact import fit_law
-from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats, smooth_noise_of
+from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.blocks import Ints, Mask, blocks_of, jackknife
 from hil_bridge.lab.identification.observations import LEAST_PRESSING, Contact, Observations
@@ -30,8 +29,6 @@ _RATE_OVER = 2
 """Largest number of samples with which a segment yields no speed. Chosen."""
 _NOISE_SHARE = 0.5
 """Largest share of the depth's variance that is attributed to noise. Chosen."""
-_DELAYS_S = np.arange(-0.02, 0.0801, 0.002)
-"""Delays of the force behind the position to try, s. Chosen: the slowest supported sensor has 20 ms."""
 _WINDOW_M = 0.02
 """Window across the surface in which its height is approximated by a parabola, m. Chosen."""
 _LEAST_WAY_M = 0.003
@@ -45,8 +42,8 @@ _MOST_STRETCHES = 6
 _FULL_SPEED = 0.9
 """Share of the usual speed below which a sample belongs to the start or the end of the path. Chosen."""
 _SLOW_S = 0.2
-"""Window over which depth and force are averaged to identify the damping, s. Chosen: longer than the period of an arm's
-first mode, 0.05 to 0.13 s, so that an arm that oscillates in contact is not mistaken for a damper.
+"""Window over which depth and force are averaged, s. Chosen: longer than the period of an arm's first mode, 0.05 to
+0.13 s. An arm that oscillates in contact has another stiffness than at rest, and looks like a damper.
 """
 _RISE = 3.0
 """Smallest ratio of the largest to the smallest force at which a segment determines the exponent of the depth.
@@ -67,8 +64,8 @@ def surface_values(observations: Observations) -> Iterator[Value]:
         why = Why.NO_CONTACT if observations.stream is not None or observations.cycles else Why.NO_FORCE
         yield from (quantity.unseen(why) for quantity in (STIFFNESS, ALONE, DAMPING, EXPONENT, FRICTION))
         return
-    slopes = _fit_delays(contact, observations.robot)
-    stiffness = jackknife(slopes[0].blocks, lambda mask: _best(slopes, mask).stiffness(mask))
+    slopes = _slopes_of(contact, observations.robot)
+    stiffness = jackknife(slopes.blocks, slopes.stiffness)
     if not stiffness.half < stiffness.value:
         yield from (quantity.unseen(Why.TOO_OPEN) for quantity in (STIFFNESS, ALONE, DAMPING))
         yield _exponent(contact)
@@ -76,39 +73,25 @@ def surface_values(observations: Observations) -> Iterator[Value]:
         return
     yield STIFFNESS.value(
         stiffness.wider(_SCALE_SHARE * abs(stiffness.value), "and 2 % for the sensor's creep and scale"),
-        "slope of the force over the reported depth in contact, with fitted delay, without "
-        "level, slope and curvature of the surface in every 20 mm; surface, tool, sensor and arm in series",
+        "slope of the force over the reported depth in contact, without level, slope and curvature of the "
+        "surface in every 20 mm; surface, tool, sensor and arm in series",
     )
     yield ALONE.unseen(Why.IN_SERIES)
-    yield _damping(_slow_contact(contact), observations.robot, stiffness.value)
+    yield _damping(slopes, stiffness.value)
     yield _exponent(contact)
     yield _friction(contact, stiffness.value)
 
 
-def _fit_delays(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
-    """Return the regression for each delay of the force behind the position that is tried.
+def _slopes_of(contact: Contact, robot: RobotFacts) -> "_Slopes":
+    """Return the regression for a contact.
 
-    A polled robot is stationary when it reports its position, so only a delay of zero applies.
+    A streamed robot is averaged over time, unless its contacts are too short. A polled robot is stationary when it
+    reports its position.
     """
-    if _is_polled(robot):
-        rounding = (robot.position_step_m or 0.0) / math.sqrt(12.0)
-        return [_slopes(contact, contact.press, 0.0, rounding, moves=False)]
-    course = CubicSpline(*contact.course)  # straight lines would cut the peaks of a slow sensor
-    noise = smooth_noise_of(contact.depth)
-    return [_slopes(contact, course(contact.times + delay), float(delay), noise) for delay in _DELAYS_S]
-
-
-def _is_polled(robot: RobotFacts) -> bool:
-    return robot.pacing is Pacing.ASKED and bool(robot.kind)
-
-
-def _best(slopes: "Sequence[_Slopes]", mask: Mask) -> "_Slopes":
-    """Return the regression whose delay leaves the smallest residual over the selected samples.
-
-    No surface has negative damping, so a delay that implies negative damping is rejected.
-    """
-    possible = [one for one in slopes if one.damping(mask) >= 0.0] or slopes
-    return min(possible, key=lambda one: one.rest(mask))
+    if robot.pacing is Pacing.ASKED and robot.kind:
+        return _slopes(contact, (robot.position_step_m or 0.0) / math.sqrt(12.0), moves=False)
+    slow = _slow_contact(contact)
+    return _slopes(slow if len(slow.times) >= LEAST_PRESSING else contact, 0.0)
 
 
 class _Slopes(NamedTuple):
@@ -121,8 +104,6 @@ class _Slopes(NamedTuple):
     removed.
     """
     blocks: Ints
-    delay: float
-    """Delay of the force behind the position, s."""
     noise_m: float
     """Noise of the depth, m. Its variance is subtracted, because it would bias the stiffness towards lower values."""
 
@@ -134,16 +115,8 @@ class _Slopes(NamedTuple):
         """Return the damping over the selected samples, N·s/m."""
         return float(self._fit(mask)[1])
 
-    def rest(self, mask: Mask) -> float:
-        """Return the sum of squares of the force that depth and speed do not explain, N²."""
-        rest = self.press[mask] - self._inputs(mask) @ self._fit(mask)
-        return float(rest @ rest)
-
-    def _inputs(self, mask: Mask) -> Floats:
-        return np.column_stack([self.depth[mask], self.rate[mask]])
-
     def _fit(self, mask: Mask) -> Floats:
-        inputs = self._inputs(mask)
+        inputs = np.column_stack([self.depth[mask], self.rate[mask]])
         products = inputs.T @ inputs
         products[0, 0] -= min(self.noise_m**2 * int(mask.sum()), _NOISE_SHARE * float(products[0, 0]))
         if not products[1, 1] > 0.0:  # a robot that is stationary when polled has no speed
@@ -151,8 +124,8 @@ class _Slopes(NamedTuple):
         return np.asarray(np.linalg.solve(products, inputs.T @ self.press[mask]), np.float64)
 
 
-def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: bool = True) -> _Slopes:
-    """Return the inputs of the regression for forces that are delayed behind the position by `delay`, s.
+def _slopes(contact: Contact, noise: float, moves: bool = True) -> _Slopes:
+    """Return the inputs of the regression. `noise` is that of the depth, m.
 
     `moves` is false for a robot that is stationary when it reports its position.
     """
@@ -163,7 +136,7 @@ def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: 
         inside = contact.stretch == stretch
         if moves and inside.sum() > _RATE_OVER:
             rate[inside] = _rate_of(contact.times[inside], contact.depth[inside])
-    columns = np.column_stack([contact.depth, press, rate])
+    columns = np.column_stack([contact.depth, contact.press, rate])
     rest = np.zeros_like(columns)
     for window in np.unique(windows):
         inside = windows == window
@@ -174,7 +147,7 @@ def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: 
             fit = np.linalg.lstsq(explained, columns[inside], rcond=None)[0]
             rest[inside] = columns[inside] - explained @ fit
     depth, force, speed = rest.T.copy()
-    return _Slopes(depth, force, speed, blocks_of(depth**2), delay, noise)
+    return _Slopes(depth, force, speed, blocks_of(depth**2), noise)
 
 
 def _rate_of(times: Floats, depth: Floats) -> Floats:
@@ -225,18 +198,14 @@ def _slow_contact(contact: Contact) -> Contact:
     )
 
 
-def _damping(slow: Contact, robot: RobotFacts, stiffness: float) -> Value:
-    """Identify the damping from averages over time, without a delay: averages hardly show one."""
-    if len(slow.times) < LEAST_PRESSING:
-        return DAMPING.unseen(Why.NO_CONTACT)
-    slopes = _slopes(slow, slow.press, 0.0, 0.0, moves=not _is_polled(robot))
+def _damping(slopes: _Slopes, stiffness: float) -> Value:
     damping = jackknife(slopes.blocks, slopes.damping)
     hidden = _DELAY_S * stiffness
     if not damping.low > hidden:
         return DAMPING.unseen(Why.BEHIND_DELAY)
     return DAMPING.value(
         damping.wider(hidden, "and the stiffness times a delay of 20 ms"),
-        "part of the force proportional to the speed into the surface, both averaged over 0.2 s",
+        "part of the force proportional to the speed into the surface",
     )
 
 
