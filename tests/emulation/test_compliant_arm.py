@@ -203,25 +203,26 @@ def test_impact_agrees_with_small_steps(stiffness: float, damping: float, error:
     pieces=st.integers(1, 40),
 )
 def test_contact_never_adds_energy(stiffness: float, speed: float, depth: float, pieces: int) -> None:
-    """The arm stands still; the tool is let go above the surface with a velocity, and hits it again and again."""
+    """The arm stands still; the tool is let go above the surface with a velocity, and hits it again and again.
+
+    A third of the usual damping removes more than the steps of the grid may add at an impact.
+    """
     path = CompliantPath(
         ExactPath(lambda t: np.full(len(t), -depth), np.zeros_like),
-        Mode(15.0, 0.001),
+        Mode(15.0, 0.01),
         bearing_of(SOFT),
         Contact(Spring(stiffness)),
         Grid(0.0),
     )
     path.trajectory(np.array([0.0]))
     path._rows[0, :9] = [0.0, 0.0, 2.0 * depth, 0.0, 0.0, -speed, 0.0, 0.0, 0.0]
-    times = np.linspace(0.0, 0.5, 1500)
+    times = np.arange(0, 501) * STEP_S  # between two points, the interpolation adds up to 2 %
     parts = [path.trajectory(part) for part in np.array_split(times, pieces)]
     tip, velocity = (np.concatenate([part[k][:, 2] for part in parts]) for k in (0, 1))
     mass = STIFFNESS / OMEGA**2
     energy = 0.5 * mass * velocity**2 + 0.5 * STIFFNESS * (tip + depth) ** 2
     energy += 0.5 * stiffness * np.minimum(tip, 0.0) ** 2
-    # between two grid points the force is linear, which is wrong by 2 % where the surface is hard
-    assert energy.max() < 1.02 * energy[0]
-    assert energy[-300:].max() < 1.01 * energy[0]
+    assert energy.max() < 1.01 * energy[0]
 
 
 @settings(max_examples=25, deadline=None)
