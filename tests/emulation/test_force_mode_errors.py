@@ -13,9 +13,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from emulators.arm.own_force import WITNESS_FAULTS
 from emulators.devices.rtde import RtdeProfile, RtdeRobot
 from emulators.devices.rtde.kinematics import ARMS, USUAL, Joints, compose, invert, nearest
 from emulators.devices.rtde.pose_error import PoseError
+from emulators.faults import Ledger
 from emulators.seams import StartPose
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.setup import Setup
@@ -182,6 +184,38 @@ def test_free_axis_accelerates_as_recorded(newtons: float, scaling: float, measu
     bench.run(0.1)
     acceleration = -(bench.place[2] - 2.0 * second + first) / 0.1**2
     assert acceleration == pytest.approx(measured, rel=0.15)
+
+
+def test_axis_accelerates_from_rest_after_pause() -> None:
+    bench = Bench(EXACT)
+    hold(bench, 9.0, 15.0, "  force_mode_set_damping(0)\n")
+    bench.run(0.4)
+    bench.controller.player.pause()
+    bench.run(0.2)
+    before = bench.place[2]
+    bench.controller.play()
+    bench.run(0.05)
+    assert (
+        0.0 < before - bench.place[2] < 0.5 * 0.25 * 0.05**2
+    )  # 0.23 m/s²; 4 mm at the speed before the pause
+
+
+def test_force_mode_continues_after_invalid_force() -> None:
+    """The force is not a number for a time; the robot stops, is released and holds the force again."""
+    bench = Surface(20e3, EXACT)
+    hold(bench, 60.0)
+    bench.run(1.0)
+    ledger = Ledger({"witness": WITNESS_FAULTS})
+    ledger.attach("witness", bench.robot.handlers["witness"])
+    ledger.inject("witness", "nan", bench.now, {"for_s": 0.1})
+    bench.run(0.2)
+    state = bench.controller.state
+    assert state.safety == SafetyMode.PROTECTIVE_STOP
+    bench.run(6.0)
+    assert state.unlock(bench.now)
+    bench.controller.play()
+    assert bench.forces(2.0)[-1] == pytest.approx(10.0, abs=0.1)
+    assert state.safety == SafetyMode.NORMAL
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,8 @@ class Compliance:
         """
         mode = self._mode
         if mode is None or not plays or isinstance(arm.order, Hold):
+            if mode is not None:
+                mode.rest()
             arm.end_compliance()
             before = arm.joints
             arm.step(paces)

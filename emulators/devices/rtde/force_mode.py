@@ -127,6 +127,10 @@ class ForceMode:
         """Change the arguments of an active force mode. The speeds are kept."""
         self.task = task
 
+    def rest(self) -> None:
+        """Set the speeds of the compliant axes to 0, because the arm brakes or is stationary."""
+        self._speeds = [0.0] * 6
+
     def step(self, admittance: Admittance, steered: Steered, wrench: Wrench) -> tuple[Pose, Pose]:
         """Return two poses of the tool at the end of the cycle: after the program's motion alone, and after the
         force's motion as well.
@@ -141,7 +145,7 @@ class ForceMode:
         self._placed = planned if placed else None
         turn = self._turn(old, [(b - a) / dt for a, b in zip(begin.position, planned.position, strict=True)])
         if turn is None:
-            self._speeds = [0.0] * 6
+            self.rest()
             return planned, planned
         back = inverse(turn)
         place = rotate(back, [b - a for a, b in zip(old.position, planned.position, strict=True)])
