@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from hil_bridge.lab.fidelity.measures import Floats
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.identifying import Identified, identify_run
 from hil_bridge.lab.identification.observations import observe_table
@@ -75,6 +76,11 @@ def test_twin_shows_stiffness_of_the_recording(
     assert max(twin.low, site.low) < SERIES_N_M < min(twin.high, site.high)
 
 
+def values_of(times: Floats, depth: Floats, press: Floats) -> dict[str, Value]:
+    observations = observe_table(Table(times, {"depth": depth, "press": press}))
+    return {value.key: value for value in surface_values(observations)}
+
+
 def _pressed(numerator: list[float], denominator: list[float]) -> dict[str, Value]:
     """Return the values of a contact whose force is this transfer function of the depth, while the loop oscillates at
     20 Hz by 0.1 mm.
@@ -85,10 +91,7 @@ def _pressed(numerator: list[float], denominator: list[float]) -> dict[str, Valu
     )
     _, press, _ = lsim((numerator, denominator), depth, times)
     press += np.random.default_rng(7).normal(0.0, 0.02, len(times))
-    return {
-        value.key: value
-        for value in surface_values(observe_table(Table(times, {"depth": depth, "press": press})))
-    }
+    return values_of(times, depth, press)
 
 
 def test_oscillating_arm_biases_neither_stiffness_nor_damping() -> None:
@@ -106,3 +109,15 @@ def test_damper_is_identified_while_the_loop_oscillates() -> None:
     damper = 0.06 * SURFACE_N_M
     values = _pressed([damper, SURFACE_N_M], [1e-3, 1.0])
     assert values["surface.damping"].holds(damper)
+
+
+def test_depth_noise_does_not_soften_a_short_contact() -> None:
+    """The contact lasts 0.24 s, so it cannot be averaged."""
+    times = np.arange(0.0, 0.5, 0.004)
+    depth = np.maximum(1e-3 * np.sin(2.0 * math.pi * (times - 0.13) / 0.48), -1e-4)
+    errors = []
+    for seed in range(20):
+        noisy = depth + 1.5e-4 * np.random.default_rng(seed).standard_normal(len(times))
+        found = values_of(times, noisy, SERIES_N_M * np.maximum(depth, 0.0))["surface.stiffness"]
+        errors.append(found.value / SERIES_N_M - 1.0)
+    assert abs(np.mean(errors)) < 0.06

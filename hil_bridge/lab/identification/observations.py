@@ -95,7 +95,7 @@ class Observations:
     """Facts about the robot that the client reported, without its assumed servo."""
     cycles: tuple[CycleRecord, ...] = ()
     packets: Mapping[str, float] | None = None
-    """Counters of the robot's link; None if there are none."""
+    """Counters of the robot's link; None without a link."""
 
 
 def observe_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> Observations:

@@ -13,7 +13,7 @@ import numpy as np
 
 from hil_bridge.devices.facts import Pacing, RobotFacts
 from hil_bridge.lab.fidelity.contact import fit_law
-from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
+from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats, smooth_noise_of
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.blocks import Ints, Mask, blocks_of, jackknife
 from hil_bridge.lab.identification.observations import LEAST_PRESSING, Contact, Observations
@@ -91,7 +91,9 @@ def _slopes_of(contact: Contact, robot: RobotFacts) -> "_Slopes":
     if robot.pacing is Pacing.ASKED and robot.kind:
         return _slopes(contact, (robot.position_step_m or 0.0) / math.sqrt(12.0), moves=False)
     slow = _slow_contact(contact)
-    return _slopes(slow if len(slow.times) >= LEAST_PRESSING else contact, 0.0)
+    if len(slow.times) < LEAST_PRESSING:
+        return _slopes(contact, smooth_noise_of(contact.depth))
+    return _slopes(slow, 0.0)
 
 
 class _Slopes(NamedTuple):
