@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from emulators.arm.compliance import ArmProfile, Load, bearing_of, mode_of, with_joints
+from emulators.arm.compliance import ArmProfile, Load, bearing_of, mode_of
 from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid
 from emulators.arm.compliant_path import Contact as ToolContact
 from emulators.arm.end_compliance import end_compliance
@@ -111,6 +111,8 @@ class TrueState:
     """Joint angles of the robot, axis 1 first, rad; None if the robot reports no joint angles."""
     normal: Vector | None = None
     """Outward unit normal of the surface below the tool centre point, base frame; None if it has no normals."""
+    deflection: Vector = (0.0, 0.0, 0.0)
+    """Position minus the position that the encoders of the robot measure, base frame, m; 0 for a rigid arm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,12 +195,12 @@ class Cell(Generic[Robot, Sensor]):
         self.ledger.attach("obstacle", self._obstacles.handlers)
 
     def _compliant_path(self, sensor: SensorStiffness | None) -> CompliantPath | None:
-        """Return the path of the tool on a compliant arm, or of a compliant tool; None if both are rigid."""
+        """Return the path of the tool on a compliant arm; None if the arm is rigid.
+
+        Raises ValueError for a robot that does not support the configured compliance.
+        """
         tool, arm = self._profile.tool, self._profile.arm
-        is_rigid = arm.compliance == "rigid" or (
-            arm.compliance == "joints" and with_joints(self.robot) is None
-        )
-        if is_rigid and tool.stiffness_n_m is None:
+        if arm.compliance == "rigid":
             return None
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
@@ -322,10 +324,10 @@ class Cell(Generic[Robot, Sensor]):
         positions, velocities = self.path.trajectory(at)
         # A copy, because reading the true state must not change the sensor's samples.
         surface = self._surface.aside()
-        forces = self.contact_forces(at)
+        forces = self._contact_load(surface, at, count=False).force
         normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
         quaternions = [q for part, q in self.path.orientations(at) for _ in range(part.start, part.stop)]
-        undeflected, rotations = positions, None
+        undeflected, rotations = positions, None  # position of a rigid arm, which the encoders measure
         if isinstance(self.path, CompliantPath):
             undeflected, rotations = self.robot.path.trajectory(at)[0], self.path.rotations(at)
         states = []
@@ -335,9 +337,9 @@ class Cell(Generic[Robot, Sensor]):
             if rotations is not None:
                 quaternion = normalise(product((1.0, *(0.5 * rotations[k]).tolist()), quaternion))
             normal = None if normals is None or np.isnan(normals[k]).any() else _vector(normals[k])
-            states.append(
-                TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints, normal)
-            )
+            deflection = _vector(positions[k] - undeflected[k])
+            motion = position, _vector(velocities[k]), quaternion
+            states.append(TrueState(*motion, _vector(forces[k]), joints, normal, deflection))
         return states
 
     def contact_forces(self, times: Floats) -> Floats:
@@ -353,10 +355,10 @@ class Cell(Generic[Robot, Sensor]):
 
         It is interpolated between the points at which the motion of a compliant arm was solved, unless these points
         do not give it: for a face, which has a moment, for a surface with memory, for a tool with a spindle, whose
-        unbalance they contain, and while samples are counted.
+        unbalance they contain, and while samples are counted. A plug-in with faults counts its samples itself.
         """
         path, own = self.path, self._surface
-        is_counted = isinstance(own, Contact) and own.faults.faulty
+        is_counted = own.faults.faulty if isinstance(own, Contact) else bool(own.handlers)
         if isinstance(path, CompliantPath) and self._has_plain_load and not is_counted:
             return ContactLoad(path.contact_forces(times), None)
         return self._load.at(surface, times, count)

@@ -31,7 +31,7 @@ class ToolProfile:
     stiffness_n_m: tuple[float, float] | None = setting(
         None,
         Mark.CHOSEN,
-        "stiffness of the tool along its z axis and across it; by default the tool is rigid",
+        "stiffness of the tool along its z axis and across it, on a compliant arm; by default the tool is rigid",
         above(0.0),
         unit="N/m",
     )

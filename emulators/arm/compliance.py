@@ -38,7 +38,6 @@ class ArmProfile:
         Mark.CHOSEN,
         "rigid, or compliant by its joints' stiffness, or by a measured Cartesian stiffness",
     )
-    """A robot without a model of its joints is rigid unless its Cartesian stiffness is given."""
     joint_stiffness_nm_rad: PerAxis | None = setting(
         None,
         Mark.DERIVED,
@@ -124,19 +123,21 @@ class Load(NamedTuple):
 def bearing_of(
     arm: ArmProfile, robot: EmulatedRobot, load: Load, end: EndCompliance = RIGID_END
 ) -> Callable[[float], Bearing]:
-    """Return a function that maps the time, s, to the bearing of a robot's tool. `end` acts on a rigid arm, too."""
-    if arm.compliance == "joints" and (articulated := with_joints(robot)) is not None:
-        stiffness = arm.joint_stiffness_nm_rad or articulated.joint_stiffness
-        return _bearing_by_joints(robot, articulated, stiffness, load, end)
-    constant = np.zeros((6, 6))
+    """Return a function that maps the time, s, to the bearing of the tool of a compliant arm.
+
+    Raises ValueError if the joints' compliance is configured and the robot has no model of its joints.
+    """
     if arm.compliance == "cartesian":
-        constant[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
-    return lambda time: _bearing(constant, _rigid_pose(robot, time), load, end)
-
-
-def with_joints(robot: object) -> ArticulatedRobot | None:
-    """Return the robot if it has a model of its joints; None otherwise."""
-    return robot if isinstance(robot, ArticulatedRobot) else None
+        cartesian = np.zeros((6, 6))
+        cartesian[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
+        return lambda time: _bearing(cartesian, _rigid_pose(robot, time), load, end)
+    articulated: object = robot
+    if not isinstance(articulated, ArticulatedRobot):
+        raise ValueError(
+            'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
+        )
+    stiffness = arm.joint_stiffness_nm_rad or articulated.joint_stiffness
+    return _bearing_by_joints(robot, articulated, stiffness, load, end)
 
 
 def _bearing_by_joints(

@@ -21,12 +21,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emulators.arm.mode import POINTS, Mode, coupling_matrix, responses
 from emulators.arm.plane_contact import PlaneContact
 from emulators.seams import ArmPath, Floats
 from emulators.surface.plane_law import PlaneLaw
-from protocol.geometry import Quaternion
+from protocol.geometry import Quaternion, angle_between
 
 STEP_S = 1.0 / 1000
 """Time step of the grid, s. Chosen: a contact of 100 kN/m on a mass of 1 kg oscillates at 50 Hz, with 40 points per
@@ -49,8 +50,8 @@ _KEPT = 24_000
 """Number of grid points that are kept. Chosen: more than the ten seconds of an arm's path on the finest grid use at
 once.
 """
-_NEAR_M = 2e-3
-"""Displacement of the tool after which the compliance is computed again, m. Chosen."""
+_NEAR_M, _NEAR_RAD = 2e-3, 0.01
+"""Displacement and rotation of the tool after which the compliance is computed again, m and rad. Chosen."""
 _ON_GRID = 1e-5
 """Distance from a grid point, in steps, at which a time is that of the point. Chosen: far above a rounding error."""
 _GAP_S = 5.0
@@ -119,7 +120,8 @@ class CompliantPath:
         """Callback for the time from which the path differs from the path that could be read before, s."""
         path.on_change = self._on_path_change
         self._bearing: Bearing | None = None
-        self._borne_at = np.full(3, math.inf)
+        self._borne_at: tuple[Floats, Quaternion] = np.full(3, math.inf), (1.0, 0.0, 0.0, 0.0)
+        """Position, m, and orientation of the rigid arm for which the bearing was computed."""
         self._rows = np.zeros((_KEPT, 12))
         """Deflection, deflection velocity, contact force, and velocity of the rigid arm at each grid point."""
         self._linear: Floats | None = None
@@ -262,7 +264,7 @@ class CompliantPath:
         """Start in equilibrium at a grid point."""
         time = np.array([self._origin + point * self._step])
         positions, velocities = self._path.trajectory(time)
-        bearing = self._borne(float(time[0]), positions[0])
+        bearing = self._borne(time, positions)
         compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
         offset = bearing.sag[:3].copy()
         for _ in range(_ITERATIONS):
@@ -274,19 +276,29 @@ class CompliantPath:
         self._rows[point % _KEPT] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0]]
         self._begun = True
 
-    def _borne(self, time: float, position: Floats) -> Bearing:
-        """Return compliance and sag near a position of the rigid arm, m, at the time when the arm is there, s."""
-        if self._bearing is None or np.abs(position - self._borne_at).max() > _NEAR_M:
-            self._bearing, self._borne_at = self._bearing_at(time), position
+    def _borne(self, times: Floats, positions: Floats) -> Bearing:
+        """Return compliance and sag near the first of these positions of the rigid arm, m, and times, s."""
+        if self._bearing is None or self._is_far(times[:1], positions[:1])[0]:
+            self._bearing = self._bearing_at(float(times[0]))
+            self._borne_at = positions[0], self._path.orientations(times[:1])[0][1]
             self._linear = self._plane = None
         return self._bearing
+
+    def _is_far(self, times: Floats, positions: Floats) -> NDArray[np.bool_]:
+        """Return for which of these times the bearing must be computed again."""
+        place, quaternion = self._borne_at
+        far: NDArray[np.bool_] = np.abs(positions - place).max(axis=1) > _NEAR_M
+        for part, turned in self._path.orientations(times):
+            if turned != quaternion and angle_between(turned, quaternion) > _NEAR_RAD:
+                far[part] = True
+        return far
 
     def _solve(self, times: Floats, positions: Floats, velocities: Floats) -> None:
         """Compute the points at times[1:], or at least the first of them."""
         start = self._rows[self._newest % _KEPT]
-        bearing = self._borne(float(times[0]), positions[0])
+        bearing = self._borne(times, positions)
         # the compliance changes at the same points, whatever the blocks are
-        far = np.abs(positions[1:] - self._borne_at).max(axis=1) > _NEAR_M
+        far = self._is_far(times[1:], positions[1:])
         end = int(np.argmax(far)) + 2 if far.any() else len(times)
         times, positions, velocities = times[:end], positions[:end], velocities[:end]
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]

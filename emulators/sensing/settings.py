@@ -49,7 +49,7 @@ class SensorErrorSettings(Protocol):
 _Rest: TypeAlias = tuple[str, Bounds, str]
 
 STIFFNESS_N_M: _Rest = (
-    "stiffness of the body against forces along x, y, z; it acts if the arm or the tool is compliant",
+    "stiffness of the body against forces along x, y, z; it acts if the arm is compliant",
     above(0.0),
     "N/m",
 )

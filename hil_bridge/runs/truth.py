@@ -6,11 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from emulators.cell import Cell, TrueState
 from hil_bridge.record import CycleRecord, TruthRecord
-from hil_bridge.record.records import Vector
 from hil_bridge.record.removed_map import RemovedMap, pack_map
 
 _AT_ONCE = 8
@@ -59,8 +56,7 @@ class GroundTruth:
         self._sensor_is_emulated = sensor_is_emulated
         self._put = put
         self._cycles: list[_Cycle] = []
-        self._waiting: deque[tuple[_Cycle, TrueState, Vector]] = deque()
-        """Cycles with their true state and the position that the encoders measure at the same time, m."""
+        self._waiting: deque[tuple[_Cycle, TrueState]] = deque()
 
     def cycle(self, record: CycleRecord) -> None:
         """Handle the end of a cycle, when no further order is pending."""
@@ -96,14 +92,13 @@ class GroundTruth:
         cycles, self._cycles = self._cycles, []
         if not cycles:
             return
-        times = [cycle.at for cycle in cycles]
-        states, measured = self._cell.true_states(times), self._cell.robot.path.trajectory(np.array(times))[0]
-        self._waiting.extend(zip(cycles, states, map(tuple, measured.tolist()), strict=True))
+        states = self._cell.true_states([cycle.at for cycle in cycles])
+        self._waiting.extend(zip(cycles, states, strict=True))
 
     def _query(self, everything: bool = False) -> None:
         robot, waiting = self._cell.robot, self._waiting
         while waiting:
-            cycle, state, measured = waiting[0]
+            cycle, state = waiting[0]
             begun = robot.begun_at(cycle.target)
             if begun is None and not everything:
                 return
@@ -121,6 +116,6 @@ class GroundTruth:
                     faults=self._cell.ledger.active(cycle.at),
                     quaternion=state.quaternion,
                     normal=state.normal or _NO_NORMAL,
-                    deflection=tuple(a - b for a, b in zip(state.position, measured, strict=True)),
+                    deflection=state.deflection,
                 )
             )

@@ -1,19 +1,26 @@
 """The compliant arm against closed forms, and against an integration step by step that shares no code with it."""
 
+import copy
 import math
 from collections.abc import Callable, Iterable
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.arm.compliance import ArmProfile, joint_compliance
+from emulators.arm import compliance
+from emulators.arm.compliance import ArmProfile, Load, joint_compliance
 from emulators.arm.compliant_path import STEP_S, Bearing, CompliantPath, Contact, Grid
 from emulators.arm.mode import Mode
 from emulators.arm.waypoints import Waypoint
+from emulators.cell import Cell, Parts
+from emulators.devices.jr3 import make_gateway
+from emulators.devices.s3 import EMPTY_SITE, make_robot
 from emulators.seams import Floats
 from emulators.surface.contact import SurfaceProfile
+from emulators.surface.faults import ObstacleProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from emulators.tool import ToolProfile
 from protocol.arm_size import PerAxis
@@ -248,6 +255,38 @@ def test_changed_order_is_followed_from_its_time_on() -> None:
     np.testing.assert_allclose(changed.contact_forces(times), plain.contact_forces(times), atol=1e-3)
 
 
+def test_path_is_read_ahead_to_points_of_the_grid() -> None:
+    cell = settled_cell(PaperCellProfile(arm=JOINTS), 0.59)
+    for now in T0 + np.arange(0.0, 0.5, 0.0123):
+        for ours, arms in (
+            (cell.path.committed_until, cell.robot.path.committed_until),
+            (cell.path.predicted_until, cell.robot.path.predicted_until),
+        ):
+            limit, arms_limit = ours(now), arms(now)
+            assert now <= limit <= max(now, arms_limit) + 1e-8
+            assert limit == now or (limit - T0) / STEP_S == pytest.approx(
+                round((limit - T0) / STEP_S), abs=1e-4
+            )
+
+
+def test_faults_of_surface_and_obstacle_act_on_compliant_arm() -> None:
+    def forces(arm: ArmProfile) -> list[float]:
+        profile = PaperCellProfile(
+            arm=arm,
+            tool=NO_TOOL,
+            obstacle=ObstacleProfile(5.0, 2e3),
+            surface=SurfaceProfile(stiffness_n_m=2e3),
+        )
+        cell = settled_cell(profile, 0.588)
+        cell.inject("surface", "step", T0 + 10.0, mm=1.0, for_s=5.0)
+        cell.robot.motion.enqueue(Waypoint((0.9, 0.0, 0.608), DOWN, 1000.0), T0 + 15.0)
+        return [cell.contact_forces(np.array([T0 + second]))[0, 2] for second in (9.0, 14.0, 25.0)]
+
+    rigid, soft = forces(ArmProfile()), forces(CARTESIAN)
+    assert rigid == pytest.approx([4.0, 6.0, -6.0], abs=0.3)
+    assert soft == pytest.approx(STIFFNESS / (STIFFNESS + 2e3) * np.array(rigid), rel=1e-3)
+
+
 @pytest.mark.parametrize("material", MaterialKind)
 def test_every_material_settles_in_series(material: MaterialKind) -> None:
     surface = SurfaceProfile(stiffness_n_m=20e3, material=MaterialProfile(kind=material))
@@ -256,6 +295,79 @@ def test_every_material_settles_in_series(material: MaterialKind) -> None:
     arm = cell.robot.path.trajectory(np.array([T0 + 20.0]))[0][0, 2]
     assert state.contact_force[2] == pytest.approx(STIFFNESS * (state.position[2] - arm), rel=1e-3)
     assert state.contact_force[2] > 5.0
+
+
+class CountingSurface:
+    """A spring at 0.59 m, as of a plug-in, with a fault. It counts its samples, and turns its normal with them."""
+
+    def __init__(self, has_memory: bool) -> None:
+        self.handlers: dict[str, Any] = {"soft": print}
+        self.samples, self._has_memory, self._until = 0, has_memory, -math.inf
+
+    @property
+    def remembered_until(self) -> float | None:
+        return self._until if self._has_memory else None
+
+    def force(self, positions: Floats, velocities: Floats, times: Floats) -> Floats:
+        self.samples += len(times)
+        self._until = float(times[-1])
+        return Spring(20e3)(times, positions - [0.0, 0.0, 0.59], velocities)
+
+    def aside(self) -> Any:
+        return copy.copy(self)
+
+    def rewind(self, time: float) -> None:
+        self._until = min(self._until, time)
+
+    def normals(self, positions: Floats, times: Floats) -> Floats:
+        angle = self._until - T0
+        return np.tile([math.sin(angle), 0.0, math.cos(angle)], (len(times), 1))
+
+
+def plugin_cell(arm: ArmProfile, surface: CountingSurface) -> Cell[Any, Any]:
+    profile = PaperCellProfile(arm=arm)
+    sensor = make_gateway(profile.sensor, profile.gateway)
+    cell = Cell(profile, T0, 5, Parts(make_robot(profile, EMPTY_SITE), sensor, lambda on_change: surface))
+    cell.robot.motion.enqueue(Waypoint((0.9, 0.0, 0.589), DOWN, 1000.0), T0)
+    return cell
+
+
+@pytest.mark.parametrize("arm", [ArmProfile(), JOINTS])
+def test_faulty_plugin_surface_receives_each_sample(arm: ArmProfile) -> None:
+    surface = CountingSurface(has_memory=False)
+    cell = plugin_cell(arm, surface)
+    cell.wrench(T0 + np.arange(1, 1001) / 1000)
+    assert surface.samples == 1000
+
+
+def test_true_normal_is_that_after_the_motion() -> None:
+    cell = plugin_cell(ArmProfile(), CountingSurface(has_memory=True))
+    normal = cell.true_state(T0 + 0.5).normal
+    assert normal == pytest.approx((math.sin(0.5), 0.0, math.cos(0.5)), abs=1e-3)
+
+
+def test_compliance_follows_turn_of_tool() -> None:
+    class TurningPath(ExactPath):
+        def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
+            turned = int(np.searchsorted(times, 0.2))
+            sideways = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
+            parts = [(slice(0, turned), DOWN), (slice(turned, len(times)), sideways)]
+            return [(part, quaternion) for part, quaternion in parts if part.start < part.stop]
+
+    asked: list[float] = []
+
+    def bearing(time: float) -> Bearing:
+        asked.append(time)
+        return bearing_of(SOFT)(time)
+
+    path = TurningPath(np.zeros_like, np.zeros_like)
+    CompliantPath(path, MODE, bearing, Contact(Spring(5e3)), Grid(0.0)).trajectory(np.array([0.0, 0.5]))
+    assert asked == pytest.approx([0.0, 0.2], abs=1e-9)
+
+
+def test_joint_compliance_without_joints_is_refused() -> None:
+    with pytest.raises(ValueError, match="has no model of its joints"):
+        compliance.bearing_of(JOINTS, cast(Any, object()), Load(0.0, (0.0, 0.0, 0.0)))
 
 
 def test_stiffness_without_inverse_is_refused() -> None:
