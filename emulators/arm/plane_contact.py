@@ -1,8 +1,9 @@
 """Motion of a compliant arm's tool against a flat surface with a linear material, one grid point after another.
 
 The force at the end of a step is that of the law for the motion at the end of this step. For a given ratio g of
-friction to sliding velocity, the step is linear in the force; g is found by the secant method. The general solution in
-`emulators.arm.compliant_path` gives the same motion, and takes ten times as long.
+friction to sliding velocity, the step is linear in the force; g is found by the secant method, and by bisection where
+that leaves the bracket. The general solution in `emulators.arm.compliant_path` gives the same motion, and takes ten
+times as long.
 """
 
 import math
@@ -15,7 +16,7 @@ from emulators.surface.plane_law import PlaneLaw
 
 _TOLERANCE_N = 1e-3
 """Largest error of the friction force, N. Chosen: far below the noise of every sensor."""
-_ITERATIONS = 20
+_ITERATIONS = 40
 _NO_FORCE = (0.0, 0.0, 0.0)
 
 
@@ -99,21 +100,23 @@ class PlaneContact:
             return _NO_FORCE, 0.0
         if ratio <= 0.0:
             ratio = law.friction * normal / ((1.0 + r0) * math.hypot(velocity[1], velocity[2], law.smoothing))
-        before = error_before = 0.0
+        before = error_before = low = 0.0
+        high = math.inf
         f0, f1, f2 = normal / (1.0 + r0), 0.0, 0.0
-        for k in range(_ITERATIONS if law.friction else 0):
+        for k in range(_ITERATIONS if ratio > 0.0 else 0):
             f0, f1, f2 = self._with_ratio(normal, velocity, ratio)
             speed = math.hypot(f1, f2) / ratio
             error = law.friction * max(f0, 0.0) / math.hypot(speed, law.smoothing) - ratio
             if abs(error) * speed <= _TOLERANCE_N:
                 break
+            low, high = (ratio, high) if error > 0.0 else (low, ratio)
             step = error
             if k and error != error_before:
                 step *= (ratio - before) / (error_before - error)
             before, error_before = ratio, error
-            ratio = (
-                ratio + step if ratio + step > 0.0 else ratio + error if ratio + error > 0.0 else 0.5 * ratio
-            )
+            ratio += step
+            if not low < ratio < high:
+                ratio = before + error if high == math.inf else 0.5 * (low + high)
         if f0 <= 0.0:
             return _NO_FORCE, 0.0
         p0, p1, p2 = self._normal_position

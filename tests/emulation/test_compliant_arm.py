@@ -354,15 +354,15 @@ def test_compliance_follows_turn_of_tool() -> None:
             parts = [(slice(0, turned), DOWN), (slice(turned, len(times)), sideways)]
             return [(part, quaternion) for part, quaternion in parts if part.start < part.stop]
 
-    asked: list[float] = []
+    computed_at: list[float] = []
 
     def bearing(time: float) -> Bearing:
-        asked.append(time)
+        computed_at.append(time)
         return bearing_of(SOFT)(time)
 
     path = TurningPath(np.zeros_like, np.zeros_like)
     CompliantPath(path, MODE, bearing, Contact(Spring(5e3)), Grid(0.0)).trajectory(np.array([0.0, 0.5]))
-    assert asked == pytest.approx([0.0, 0.2], abs=1e-9)
+    assert computed_at == pytest.approx([0.0, 0.2], abs=1e-9)
 
 
 def test_joint_compliance_without_joints_is_refused() -> None:

@@ -48,7 +48,7 @@ def test_force_is_that_of_the_general_solution(
     np.testing.assert_allclose(force, expected, atol=0.02, rtol=1e-3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     stiffness=st.floats(1e3, 300e3),
     damping=st.floats(0.0, 500.0),

@@ -118,6 +118,6 @@ def test_depth_noise_does_not_soften_a_short_contact() -> None:
     errors = []
     for seed in range(20):
         noisy = depth + 1.5e-4 * np.random.default_rng(seed).standard_normal(len(times))
-        found = values_of(times, noisy, SERIES_N_M * np.maximum(depth, 0.0))["surface.stiffness"]
-        errors.append(found.value / SERIES_N_M - 1.0)
+        stiffness = values_of(times, noisy, SERIES_N_M * np.maximum(depth, 0.0))["surface.stiffness"]
+        errors.append(stiffness.value / SERIES_N_M - 1.0)
     assert abs(np.mean(errors)) < 0.06
