@@ -78,4 +78,4 @@ def test_force_obeys_the_law_of_the_surface(
     np.testing.assert_allclose(forces[~left], expected[~left], atol=5e-3, rtol=1e-3)
     assert (forces @ normal >= -1e-9).all()
     assert (depths[forces @ normal > 0.0] > -1e-9).all(), "the damper pushed the tool out"
-    assert ((forces * sliding).sum(axis=1) <= 1e-6).all()
+    assert ((forces * sliding).sum(axis=1)[~left] <= 1e-6).all()
