@@ -10,10 +10,11 @@ where d is the deflection, p the path of the rigid arm, C the compliance and F t
 effective mass (ω² C)⁻¹ makes the deflection C F under a constant force, and contact, spring and damper never add
 energy.
 
-The equation is integrated on a fixed time grid that begins at power-up. The integration is exact if the force is
-linear between two grid points. A block of points is solved at once, by Newton's method where the tool touches the
-surface. The results therefore do not depend on the times of the reads, to within the tolerance of that method. After
-the newest point, the motion continues with a constant force, and the contact force is that of this motion.
+The equation is integrated on a fixed time grid that begins at power-up. The integration is exact if the force and the
+path of the rigid arm are linear between two grid points, so that its velocity jumps at the points. A block of points is
+solved at once, by Newton's method where the tool touches the surface. The results therefore do not depend on the times
+of the reads, to within the tolerance of that method. After the newest point, the motion continues with a constant
+force, and the contact force is that of this motion.
 """
 
 import math
@@ -54,6 +55,10 @@ _NEAR_M, _NEAR_RAD = 2e-3, 0.01
 """Displacement and rotation of the tool after which the compliance is computed again, m and rad. Chosen."""
 _ON_GRID = 1e-5
 """Distance from a grid point, in steps, at which a time is that of the point. Chosen: far above a rounding error."""
+_BEFORE_S = 2e-9
+"""Time before a grid point at which the path of the arm is read for it, s. Chosen: a controller whose cycle begins at
+that point then does not run it for this read.
+"""
 _GAP_S = 5.0
 """Longest time without a reader, s. After a longer time, the tool restarts from its equilibrium. Chosen."""
 
@@ -123,7 +128,9 @@ class CompliantPath:
         self._borne_at: tuple[Floats, Quaternion] = np.full(3, math.inf), (1.0, 0.0, 0.0, 0.0)
         """Position, m, and orientation of the rigid arm for which the bearing was computed."""
         self._rows = np.zeros((_KEPT, 12))
-        """Deflection, deflection velocity, contact force, and velocity of the rigid arm at each grid point."""
+        """Of each grid point: deflection, deflection velocity, contact force, and mean velocity of the rigid arm since
+        the point before. The deflection velocity is relative to that velocity.
+        """
         self._linear: Floats | None = None
         """Matrix for the contact that was linearised last, which maps the error of its force to the correction."""
         self._oldest = self._newest = self._readable = 0
@@ -154,7 +161,7 @@ class CompliantPath:
         """Return the time of the newest grid point up to which the path of the arm may be read, at least `now`, s."""
         point = self._point_before(limit)
         self._readable = max(self._readable, point)
-        return max(now, self._origin + point * self._step)
+        return max(now, min(limit, self._origin + point * self._step))
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
         """Return the orientations of the rigid arm; see `ArmPath.orientations`.
@@ -167,8 +174,8 @@ class CompliantPath:
         """Return positions and velocities including the deflection; see `ArmPath.trajectory`."""
         self._extend(float(times[0]), float(times[-1]))
         positions, velocities = self._path.trajectory(times)
-        offset, drift = self._deflection(times, velocities)
-        return positions + offset, velocities + drift
+        offset, velocities = self._deflection(times, velocities)
+        return positions + offset, velocities
 
     def contact_forces(self, times: Floats) -> Floats:
         """Return the contact force on the tool (n, 3), base frame, N, linear between the points of the grid.
@@ -212,7 +219,7 @@ class CompliantPath:
     # --- the deflection
 
     def _deflection(self, times: Floats, velocities: Floats) -> tuple[Floats, Floats]:
-        """Return the deflection (n, 3), m, and its velocity (n, 3), m/s, at times (n,), s.
+        """Return the deflection (n, 3), m, and the velocity of the tool (n, 3), m/s, at times (n,), s.
 
         `velocities` (n, 3) are the velocities of the rigid arm at these times, m/s.
         """
@@ -220,10 +227,10 @@ class CompliantPath:
         at = (times - self._origin) / step
         points = np.clip((at + _ON_GRID).astype(int), self._oldest, self._newest)
         since = np.maximum((at - points) * step, 0.0)
-        here = rows[points % _KEPT, :6]
-        there = rows[np.minimum(points + 1, self._newest) % _KEPT, :6]
-        s = (since / step)[:, None]
-        a, b, va, vb = here[:, :3], there[:, :3], here[:, 3:6] * step, there[:, 3:6] * step
+        here, there = rows[points % _KEPT], rows[np.minimum(points + 1, self._newest) % _KEPT]
+        s, rigid = (since / step)[:, None], there[:, 9:].copy()
+        after_jump = here[:, 3:6] + here[:, 9:] - rigid
+        a, b, va, vb = here[:, :3], there[:, :3], after_jump * step, there[:, 3:6] * step
         bend, twist = 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb
         offset = a + s * (va + s * (bend + s * twist))
         drift = (va + s * (2.0 * bend + 3.0 * s * twist)) / step
@@ -232,20 +239,25 @@ class CompliantPath:
             newest, duration, bearing = rows[self._newest % _KEPT], since[ahead], self._bearing
             assert bearing is not None, "the path has begun"
             pull = self._mode.stiffness * (bearing.compliance[:3, :3] @ newest[6:9] + bearing.sag[:3])
-            # a duration of zero has no change of velocity either
-            change = (velocities[ahead] - newest[9:]) / np.maximum(duration, 1e-12)[:, None]
+            rigid[ahead] = velocities[ahead]
+            after_jump = newest[3:6] + newest[9:] - rigid[ahead]
             matrix, held = self._mode.transition(duration)
             for row, out in ((0, offset), (1, drift)):
                 out[ahead] = (
                     np.outer(matrix[row, 0], newest[:3])
-                    + np.outer(matrix[row, 1], newest[3:6])
-                    + held[row][:, None] * (pull - change)
+                    + matrix[row, 1][:, None] * after_jump
+                    + np.outer(held[row], pull)
                 )
-        return offset, drift
+        return offset, rigid + drift
 
     def _point_before(self, time: float) -> int:
         """Return the number of the newest grid point that is not after a time, s."""
         return math.floor((time - self._origin) / self._step + _ON_GRID)
+
+    def _before(self, times: Floats) -> Floats:
+        """Return the times at which the path of the arm is read for grid points, s."""
+        before: Floats = np.maximum(times - _BEFORE_S, self._origin)
+        return before
 
     def _extend(self, begin: float, end: float) -> None:
         """Compute every grid point up to `end`, s."""
@@ -256,14 +268,14 @@ class CompliantPath:
         while self._newest < last:
             point, points = self._newest, min(POINTS, last - self._newest)
             times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
-            positions, velocities = self._path.trajectory(times)
+            positions, _ = self._path.trajectory(self._before(times))
             if self._newest == point:  # an arm that senses its contact may have rewound the path
-                self._solve(times, positions, velocities)
+                self._solve(times, positions)
 
     def _start(self, point: int) -> None:
         """Start in equilibrium at a grid point."""
         time = np.array([self._origin + point * self._step])
-        positions, velocities = self._path.trajectory(time)
+        positions, velocities = self._path.trajectory(self._before(time))
         bearing = self._borne(time, positions)
         compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
         offset = bearing.sag[:3].copy()
@@ -279,8 +291,9 @@ class CompliantPath:
     def _borne(self, times: Floats, positions: Floats) -> Bearing:
         """Return compliance and sag near the first of these positions of the rigid arm, m, and times, s."""
         if self._bearing is None or self._is_far(times[:1], positions[:1])[0]:
-            self._bearing = self._bearing_at(float(times[0]))
-            self._borne_at = positions[0], self._path.orientations(times[:1])[0][1]
+            time = self._before(times[:1])
+            self._bearing = self._bearing_at(float(time[0]))
+            self._borne_at = positions[0], self._path.orientations(time)[0][1]
             self._linear = self._plane = None
         return self._bearing
 
@@ -288,24 +301,25 @@ class CompliantPath:
         """Return for which of these times the bearing must be computed again."""
         place, quaternion = self._borne_at
         far: NDArray[np.bool_] = np.abs(positions - place).max(axis=1) > _NEAR_M
-        for part, turned in self._path.orientations(times):
+        for part, turned in self._path.orientations(self._before(times)):
             if turned != quaternion and angle_between(turned, quaternion) > _NEAR_RAD:
                 far[part] = True
         return far
 
-    def _solve(self, times: Floats, positions: Floats, velocities: Floats) -> None:
+    def _solve(self, times: Floats, positions: Floats) -> None:
         """Compute the points at times[1:], or at least the first of them."""
         start = self._rows[self._newest % _KEPT]
         bearing = self._borne(times, positions)
         # the compliance changes at the same points, whatever the blocks are
         far = self._is_far(times[1:], positions[1:])
         end = int(np.argmax(far)) + 2 if far.any() else len(times)
-        times, positions, velocities = times[:end], positions[:end], velocities[:end]
+        times, positions = times[:end], positions[:end]
+        velocities = np.diff(positions, axis=0) / self._step
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
         sag = self._mode.stiffness * bearing.sag[:3]
         points, grid = len(times) - 1, self._responses
-        state, change = start[:6].reshape(2, 3), np.diff(velocities, axis=0) / self._step
-        base = grid.free[:, :points] @ state - grid.held[:, :points, :points] @ change
+        state, jumps = start[:6].reshape(2, 3), np.diff(velocities, axis=0, prepend=start[None, 9:])
+        base = grid.free[:, :points] @ state - grid.jumped[:, :points, :points] @ jumps
         base += grid.forced[:, :points, 0, None] * (compliance @ start[6:9])
         base += grid.settled[:, :points, None] * sag
         block = _Block(
@@ -314,7 +328,7 @@ class CompliantPath:
             compliance,
             times[1:],
             positions[1:],
-            velocities[1:],
+            velocities,
         )
         if (law := self._contact.plane()) is not None:
             self._solve_on_plane(block, law, is_free=not start[6:9].any())
@@ -455,7 +469,7 @@ class _Block(NamedTuple):
     positions: Floats
     """Positions of the rigid arm (n, 3), m."""
     velocities: Floats
-    """Velocities of the rigid arm (n, 3), m/s."""
+    """Mean velocities of the rigid arm since the point before (n, 3), m/s."""
 
     def first(self, points: int) -> "_Block":
         """Return a block with only the first points of this block."""

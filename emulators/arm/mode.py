@@ -45,8 +45,8 @@ class Responses(NamedTuple):
     """Response to the current deflection and velocity, (2, n, 2)."""
     forced: Floats
     """Response to an acceleration at each point, linear between points, (2, n, n + 1)."""
-    held: Floats
-    """Response to an acceleration that is constant between two points, (2, n, n)."""
+    jumped: Floats
+    """Response to a jump of the velocity at each point, from the current point on, (2, n, n)."""
     settled: Floats
     """Response to an acceleration that is constant from the current point on, (2, n)."""
 
@@ -75,20 +75,21 @@ def responses(mode: Mode, step: float) -> Responses:
     acceleration at its start.
     """
     begin = held - end
-    free, forced, constant = (
+    free, forced, jumped = (
         np.zeros((points, 2, 2)),
         np.zeros((2, points, points + 1)),
         np.zeros((2, points, points)),
     )
-    power = np.eye(2)
+    settled, power, total = np.zeros((2, points)), np.eye(2), np.zeros(2)
     for gap in range(points):
         rows = np.arange(gap, points)
         forced[:, rows, rows - gap] += (power @ begin)[:, None]
         forced[:, rows, rows - gap + 1] += (power @ end)[:, None]
-        constant[:, rows, rows - gap] = (power @ held)[:, None]
+        total = total + power @ held
         power = matrix @ power
-        free[gap] = power
-    return Responses(free.transpose(1, 0, 2), forced, constant, constant.sum(axis=2))
+        jumped[:, rows, rows - gap] = power[:, 1, None]
+        free[gap], settled[:, gap] = power, total
+    return Responses(free.transpose(1, 0, 2), forced, jumped, settled)
 
 
 def coupling_matrix(forced: Floats, by_position: Floats, by_velocity: Floats) -> Floats:

@@ -176,7 +176,7 @@ def test_free_tool_rings_with_its_frequency_and_damping() -> None:
     path = press(lambda t: 1.0 + 0.1 * np.minimum(t, 1.0), lambda t: np.where(t < 1.0, 0.1, 0.0), Spring(0.0))
     times = np.arange(0.9, 2.0, 0.0002)
     height = path.trajectory(times)[0][:, 2] - 1.1
-    after = times - 1.0 + STEP_S / 2.0  # the stop takes one step of the grid
+    after = times - 1.0
     damped = OMEGA * math.sqrt(1.0 - MODE.damping_ratio**2)
     expected = 0.1 / damped * np.exp(-MODE.damping_ratio * OMEGA * after) * np.sin(damped * after)
     late = after > STEP_S
@@ -184,7 +184,7 @@ def test_free_tool_rings_with_its_frequency_and_damping() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "damping", "error"), [(5e3, 0.0, 0.01), (50e3, 20.0, 0.02), (200e3, 0.0, 0.03)]
+    ("stiffness", "damping", "error"), [(5e3, 0.0, 0.005), (50e3, 20.0, 0.01), (200e3, 0.0, 0.03)]
 )
 def test_impact_agrees_with_small_steps(stiffness: float, damping: float, error: float) -> None:
     def height(t: Floats) -> Floats:
@@ -263,7 +263,7 @@ def test_path_is_read_ahead_to_points_of_the_grid() -> None:
             (cell.path.predicted_until, cell.robot.path.predicted_until),
         ):
             limit, arms_limit = ours(now), arms(now)
-            assert now <= limit <= max(now, arms_limit) + 1e-8
+            assert now <= limit <= max(now, arms_limit)
             assert limit == now or (limit - T0) / STEP_S == pytest.approx(
                 round((limit - T0) / STEP_S), abs=1e-4
             )
@@ -349,7 +349,7 @@ def test_true_normal_is_that_after_the_motion() -> None:
 def test_compliance_follows_turn_of_tool() -> None:
     class TurningPath(ExactPath):
         def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-            turned = int(np.searchsorted(times, 0.2))
+            turned = int(np.searchsorted(times, 0.1995))
             sideways = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
             parts = [(slice(0, turned), DOWN), (slice(turned, len(times)), sideways)]
             return [(part, quaternion) for part, quaternion in parts if part.start < part.stop]
@@ -362,7 +362,7 @@ def test_compliance_follows_turn_of_tool() -> None:
 
     path = TurningPath(np.zeros_like, np.zeros_like)
     CompliantPath(path, MODE, bearing, Contact(Spring(5e3)), Grid(0.0)).trajectory(np.array([0.0, 0.5]))
-    assert computed_at == pytest.approx([0.0, 0.2], abs=1e-9)
+    assert computed_at == pytest.approx([0.0, 0.2], abs=1e-8)
 
 
 def test_joint_compliance_without_joints_is_refused() -> None:
