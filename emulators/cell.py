@@ -14,8 +14,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from emulators.arm.compliance import ArmProfile, Load, bearing_of, mode_of
-from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid
+from emulators.arm.compliance import ArmProfile, Load, bearing_of, is_rigid, mode_of
+from emulators.arm.compliant_path import FINE_STEP_S, STEP_S, CompliantPath, Grid
 from emulators.arm.compliant_path import Contact as ToolContact
 from emulators.arm.end_compliance import end_compliance
 from emulators.faults import Fault, Injection, Ledger
@@ -200,11 +200,14 @@ class Cell(Generic[Robot, Sensor]):
         Raises ValueError for a robot that does not support the configured compliance.
         """
         tool, arm = self._profile.tool, self._profile.arm
-        if arm.compliance == "rigid":
+        if is_rigid(arm, self.robot):
             return None
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
-        grid = Grid(self._powered_at, 1.0 / MEMORY_RATE_HZ if self.has_memory else STEP_S)
+        step = STEP_S if self._spindle is None else FINE_STEP_S
+        grid = Grid(
+            self._powered_at, 1.0 / MEMORY_RATE_HZ if self.has_memory else step, has_memory=self.has_memory
+        )
         contact = ToolContact(self._try_motion, self._accept_motion, self._plane_law)
         mode = mode_of(arm, self.robot)
         bearing = bearing_of(arm, self.robot, load, end_compliance(tool, sensor))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
+from emulators.arm.compliance import ArmProfile
 from emulators.cell import Cell, CellProfile, Parts
 from emulators.devices.jr3 import Board, Gateway, Jr3Profiles, UartGateway
 from emulators.devices.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site, make_robot
@@ -16,10 +17,16 @@ PaperCell: TypeAlias = Cell[S3Controller, Jr3Receiver]
 CELL_FAULTS = EmulatedKinds.named("s3", "jr3").faults
 """Faults of a cell of S3 and JR3 behind its CAN gateway, by target."""
 
+RIGID_ARM = ArmProfile(compliance="rigid")
+
 
 @dataclass(frozen=True)
 class PaperCellProfile(CellProfile, S3Profiles, Jr3Profiles):
-    """Complete profile of the cell."""
+    """Complete profile of the cell. The arm is rigid: the stiffness of the surface is the paper's, that of robot and
+    environment together.
+    """
+
+    arm: ArmProfile = RIGID_ARM
 
 
 class Receiver(NamedTuple):

@@ -33,10 +33,11 @@ class ArmProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    compliance: Literal["rigid", "joints", "cartesian"] = setting(
-        "rigid",
+    compliance: Literal["rigid", "joints", "cartesian"] | None = setting(
+        None,
         Mark.CHOSEN,
-        "rigid, or compliant by its joints' stiffness, or by a measured Cartesian stiffness",
+        "rigid, or compliant by its joints' stiffness, or by a measured Cartesian stiffness; by default joints, or "
+        "rigid for a robot without a model of its joints",
     )
     joint_stiffness_nm_rad: PerAxis | None = setting(
         None,
@@ -67,6 +68,13 @@ class ArmProfile:
             raise SettingError("joint_stiffness_nm_rad", "must be more than 0 for each joint")
         if np.linalg.eigvalsh(symmetric(self.stiffness_n_m))[0] <= 0.0:
             raise SettingError("stiffness_n_m", "must be a positive definite matrix")
+
+
+def is_rigid(arm: ArmProfile, robot: object) -> bool:
+    """Return whether the arm of this robot is rigid."""
+    if arm.compliance is None:
+        return not isinstance(robot, ArticulatedRobot)
+    return arm.compliance == "rigid"
 
 
 def symmetric(parts: tuple[float, ...]) -> Floats:

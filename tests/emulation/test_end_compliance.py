@@ -21,7 +21,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from protocol.geometry import Quaternion, normalise
 from protocol.marks import SettingError
-from tests.paper_cell import PaperCellProfile
+from tests.paper_cell import RIGID_ARM, PaperCellProfile
 
 T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)
@@ -95,7 +95,7 @@ def test_end_compliance_turns_with_the_tool() -> None:
     [(SOFT_TOOL, (ARM, 60e3, ALONG)), (ToolProfile(mass_kg=0.0), (ARM, 60e3))],
 )
 def test_press_at_rest_has_springs_in_series(tool: ToolProfile, springs: tuple[float, ...]) -> None:
-    rigid = pressing_cell(ArmProfile(), ToolProfile(mass_kg=0.0)).true_state(T0 + 8.0).contact_force[2]
+    rigid = pressing_cell(RIGID_ARM, ToolProfile(mass_kg=0.0)).true_state(T0 + 8.0).contact_force[2]
     soft = pressing_cell(CARTESIAN, tool).true_state(T0 + 8.0).contact_force[2]
     assert soft == pytest.approx(rigid * series(SURFACE, *springs) / SURFACE, rel=1e-6)
 
@@ -109,7 +109,7 @@ def test_weight_acts_on_arm_and_sensor_only() -> None:
 
 
 def test_springs_of_sensor_and_tool_need_compliant_arm() -> None:
-    cell = pressing_cell(ArmProfile(), SOFT_TOOL)
+    cell = pressing_cell(RIGID_ARM, SOFT_TOOL)
     assert cell.path is cell.robot.path
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.arm.compliance import ArmProfile
-from emulators.arm.compliant_path import STEP_S
+from emulators.arm.compliant_path import FINE_STEP_S
 from emulators.arm.waypoints import Waypoint
 from emulators.devices.egm.controller import EgmController
 from emulators.seams import ContactSource, Floats
@@ -22,7 +22,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from protocol.geometry import Vector
 from protocol.marks import SettingError
-from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
+from tests.paper_cell import RIGID_ARM, PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)
@@ -44,7 +44,7 @@ def cell_at(
     profile = PaperCellProfile(
         tool=ToolProfile(**tool),
         surface=surface or SurfaceProfile(stiffness_n_m=STIFFNESS),
-        arm=arm or ArmProfile(),
+        arm=arm or RIGID_ARM,
     )
     cell = s3_jr3_cell(profile, T0, seed=5)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, height), DOWN, 1000.0), T0)
@@ -189,7 +189,7 @@ def test_tool_without_spindle_ignores_its_errors() -> None:
         "radial_run_out_um": 900.0,
         "axial_run_out_um": 900.0,
     }
-    for arm in (ArmProfile(), CARTESIAN):
+    for arm in (RIGID_ARM, CARTESIAN):
         plain, still = cell_at(PRESSED, arm=arm), cell_at(PRESSED, arm=arm, **errors)
         np.testing.assert_array_equal(still.wrench(times), plain.wrench(times))
         np.testing.assert_array_equal(still.contact_forces(times), plain.contact_forces(times))
@@ -202,12 +202,12 @@ def test_unbalance_moves_compliant_arm(rpm: float) -> None:
     Above a tenth of the grid's rate, the harmonics of these lines add 0.5 %, and 7 % at 20 000 turns a minute.
     """
     cell = cell_at(FREE, arm=CARTESIAN, spindle_rpm=rpm, unbalance_g_mm=50.0)
-    times = SETTLED + 2.0 + np.arange(0.0, 1.0, STEP_S)
+    times = SETTLED + 2.0 + np.arange(0.0, 1.0, FINE_STEP_S)
     offset = cell.path.trajectory(times)[0]
     hertz = rpm / 60.0
     ratio = hertz / 15.0
     response = 1.0 / (1.0 - ratio**2 + 2j * 0.03 * ratio)
-    expected = centrifugal(rpm, 50.0) / ARM_STIFFNESS * abs(response) * np.sinc(hertz * STEP_S) ** 2
+    expected = centrifugal(rpm, 50.0) / ARM_STIFFNESS * abs(response) * np.sinc(hertz * FINE_STEP_S) ** 2
     # by a fit, because 20 000 turns a minute do not have an integer number of periods in a second
     base = np.column_stack((np.exp(1j * math.tau * hertz * times), np.exp(-1j * math.tau * hertz * times)))
     base = np.column_stack((base, np.ones(len(times))))

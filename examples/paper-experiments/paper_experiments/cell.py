@@ -115,6 +115,7 @@ class CellJob:
                     "s3": {"link": link, "servo": {"resolution_mm": self.resolution_mm}},
                     "jr3": {"sensor": {"noise_counts": self.noise_counts}},
                     "surface": surface,
+                    "arm": {"compliance": "rigid"},  # the paper's stiffness is that of robot and environment
                     "start_position_mm": (900.0, -100.0, 590.5),
                 },
             }

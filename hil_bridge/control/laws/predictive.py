@@ -52,6 +52,10 @@ _STEPS_MM = {2.0: 0.02, 4.0: FINE_STEP_MM, 12.0: FINE_STEP_MM}
 """`resolution_mm`, in mm, by sample time, in ms. Chosen: in each sample, a Universal Robots arm deviates from its
 targets by a little more than the resolution of its position.
 """
+_WINDOW_4_MS = 20
+"""`window` at a sample time of 4 ms. Chosen: the line then covers more than a period of the first mode of an arm, 40 to
+70 ms, and does not follow its oscillation.
+"""
 _SPAN_MS = 100.0
 """`Pairing.span_ms` for a controller with a model of the servo, which has no dead band. Chosen: after this time,
 the following error of a Universal Robots arm has changed; see `follow_error_ms` of the emulated arm.
@@ -109,12 +113,19 @@ class Predictive:
     name: ClassVar[str] = "predictive"
     sample_ms: ClassVar[float] = SAMPLE_MS
     tunings: ClassVar[tuple[Tuning, ...]] = tuple(
-        Tuning(sample_ms, {"resolution_mm": _STEPS_MM[sample_ms], "landing_ms": _LANDING_MS})
+        Tuning(
+            sample_ms,
+            {
+                "resolution_mm": _STEPS_MM[sample_ms],
+                "landing_ms": _LANDING_MS,
+                **({"window": _WINDOW_4_MS} if sample_ms == 4.0 else {}),
+            },
+        )
         for sample_ms in STREAM_SAMPLES_MS
     )
 
     ranges: ClassVar[Mapping[str, Range]] = {
-        "window": Range(3, 20),
+        "window": Range(3, 60),
         "caution": Range(0.0, 4.0),
         "steepest": Range(0.02, 2.0, by_factor=True),
         "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
