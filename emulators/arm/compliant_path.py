@@ -146,7 +146,7 @@ class CompliantPath:
         self._plane: PlaneContact | None = None
         """Contact with the plane `_law`, or None if it must be derived again."""
         self._law: PlaneLaw | None = None
-        self._begun, self._origin = False, grid.powered_at
+        self._begun, self._is_solving, self._origin = False, False, grid.powered_at
 
     # --- as a path
 
@@ -265,7 +265,9 @@ class CompliantPath:
         return before
 
     def _extend(self, begin: float, end: float) -> None:
-        """Compute every grid point up to `end`, s."""
+        """Compute every grid point up to `end`, s, unless the contact reads the path while a point is computed."""
+        if self._is_solving:
+            return
         last, gap = self._point_before(end), math.ceil(_GAP_S / self._step)
         last = max(last, min(last + 1, self._readable))
         if not self._begun or last - self._newest > gap:
@@ -275,7 +277,9 @@ class CompliantPath:
             times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
             positions, _ = self._path.trajectory(self._before(times))
             if self._newest == point:  # an arm that senses its contact may have rewound the path
+                self._is_solving = True
                 self._solve(times, positions)
+                self._is_solving = False
 
     def _start(self, point: int) -> None:
         """Start in equilibrium at a grid point."""
@@ -371,15 +375,17 @@ class CompliantPath:
         forces = np.repeat(force[None], len(block.times), axis=0)
         for linear in (self._linear, None):
             if linear is None:
-                middle = slice(len(block.times) // 2, len(block.times) // 2 + 1)
+                middle = len(block.times) // 2
+                # a surface with memory needs the motion up to there
+                part = slice(0 if self._has_memory else middle, middle + 1)
                 moved = block.response(forces)
                 _, (by_position, by_velocity) = self._linearise(
-                    block.times[middle],
-                    block.positions[middle] + moved[0, middle],
-                    block.velocities[middle] + moved[1, middle],
+                    block.times[part],
+                    block.positions[part] + moved[0, part],
+                    block.velocities[part] + moved[1, part],
                 )
                 self._linear = linear = self._responses.joined(
-                    _SOME_POINTS, by_position[0] @ block.compliance, by_velocity[0] @ block.compliance
+                    _SOME_POINTS, by_position[-1] @ block.compliance, by_velocity[-1] @ block.compliance
                 )
             before = math.inf
             for _ in range(_ITERATIONS):

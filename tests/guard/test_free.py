@@ -25,8 +25,9 @@ Configured = Callable[..., Config]
 
 
 def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
-    """A cell whose tool presses with this force."""
-    return {"cell": {"start_position_mm": (900.0, -100.0, 590.0 - force / stiffness * 1e3), **more}}
+    """A cell whose tool presses with this force. The arm is rigid."""
+    start = (900.0, -100.0, 590.0 - force / stiffness * 1e3)
+    return {"cell": {"start_position_mm": start, "arm": {"compliance": "rigid"}, **more}}
 
 
 def freed(

@@ -103,7 +103,7 @@ def test_other_signals_retract_and_are_named(
     sending(monkeypatch, number)
     code, output, errors = hil(*VIRTUAL)
     assert (code, errors) == (130, "")
-    assert output.splitlines()[-1] == "left: retracted, 0.0 N"
+    assert output.splitlines()[-1].startswith("left: retracted, 0.0 N")
     recording = read(Path("r.mcap"))
     assert recording.end["outcome"] == "interrupted"
     assert [event.text for event in recording.events if event.kind == EventKind.SIGNAL] == [
@@ -127,7 +127,8 @@ def sending(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
 def test_signal_flood_retracts_with_few_records(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     sending(monkeypatch, *[signal.SIGUSR1, signal.SIGTERM] * 500)
     code, output, _ = hil(*VIRTUAL)
-    assert (code, output.splitlines()[-1]) == (130, "left: retracted, 0.0 N")
+    assert code == 130
+    assert output.splitlines()[-1].startswith("left: retracted, 0.0 N")
     events = read(Path("r.mcap")).events
     assert len([event for event in events if event.kind == EventKind.SIGNAL]) == stopping.SIGNALS_RECORDED
 

@@ -90,7 +90,7 @@ def test_silent_link_approach_continues_as_ordered(
 
 
 @pytest.mark.parametrize(
-    ("period_ms", "after_s", "along_mm"), [(4, 0.12, 1.4), (20, 0.1269, 3.05), (180, 0.1965, 6.7)]
+    ("period_ms", "after_s", "along_mm"), [(4, 0.12, 1.45), (20, 0.1269, 3.05), (180, 0.1965, 6.7)]
 )
 def test_silent_link_tracking_continues_as_ordered(
     guarded: Run, period_ms: int, after_s: float, along_mm: float

@@ -139,7 +139,7 @@ def test_cumulative_corrections_are_stopped(guarded: Run, holdon: str) -> None:
     assert run.largest == 0.0
     end = run.truths[-1][0]
     assert run.cell.true_state(end).position[2] - 0.592 < 0.02
-    assert run.cell.true_state(end).velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert run.cell.true_state(end).velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
 
 
 @pytest.mark.full

@@ -52,10 +52,13 @@ _STEPS_MM = {2.0: 0.02, 4.0: FINE_STEP_MM, 12.0: FINE_STEP_MM}
 """`resolution_mm`, in mm, by sample time, in ms. Chosen: in each sample, a Universal Robots arm deviates from its
 targets by a little more than the resolution of its position.
 """
-_WINDOW_4_MS = 20
-"""`window` at a sample time of 4 ms. Chosen: the line then covers more than a period of the first mode of an arm, 40 to
-70 ms, and does not follow its oscillation.
+_WINDOWS_MS = {2.0: 0.0, 4.0: 80.0, 12.0: 80.0}
+"""`window_ms`, in ms, by sample time, in ms. Chosen: the line then covers more than a period of the first mode of an
+arm, 50 to 70 ms, and does not follow its oscillation. A Universal Robots arm oscillates less, and the line must follow
+the differences from its targets.
 """
+_SHORTEST_S = 1e-3
+"""Shortest time between two pairs that counts, s. Chosen: below the cycle of every robot."""
 _SPAN_MS = 100.0
 """`Pairing.span_ms` for a controller with a model of the servo, which has no dead band. Chosen: after this time,
 the following error of a Universal Robots arm has changed; see `follow_error_ms` of the emulated arm.
@@ -118,14 +121,15 @@ class Predictive:
             {
                 "resolution_mm": _STEPS_MM[sample_ms],
                 "landing_ms": _LANDING_MS,
-                **({"window": _WINDOW_4_MS} if sample_ms == 4.0 else {}),
+                "window_ms": _WINDOWS_MS[sample_ms],
             },
         )
         for sample_ms in STREAM_SAMPLES_MS
     )
 
     ranges: ClassVar[Mapping[str, Range]] = {
-        "window": Range(3, 60),
+        "window": Range(3, 20),
+        "window_ms": Range(0.0, 300.0),
         "caution": Range(0.0, 4.0),
         "steepest": Range(0.02, 2.0, by_factor=True),
         "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
@@ -136,7 +140,9 @@ class Predictive:
     """
 
     window: int = 6
-    """Number of pairs that the line is fitted to."""
+    """Smallest number of pairs that the line is fitted to."""
+    window_ms: float = 0.0
+    """Time over which the line is fitted to all pairs, ms."""
     stiffest_n_m: float = 100_000.0
     """Stiffness assumed for moves inwards while there is no estimate, N/m."""
     caution: float = 1.0
@@ -179,7 +185,7 @@ class Predictive:
     def __post_init__(self) -> None:
         require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
         require_above_zero(self, "servo_damping", "servo_error_mm")
-        require_not_negative(self, "caution", "landing_ms", "servo_lag_ms")
+        require_not_negative(self, "caution", "window_ms", "landing_ms", "servo_lag_ms")
         modelled = self.servo_lag_ms > 0.0
         pairing = Pairing(
             resolution_mm=self.resolution_mm,
@@ -222,7 +228,10 @@ class Predictive:
             state = PredictiveState(estimate, robustness=state.robustness, landing=state.landing)
             return state, self._answer(measurement, estimate, correction)
         newest = travel, measurement.position, acting
-        pairs = (state.pairs + (newest,))[-self.window :]  # noqa: RUF005 – half the time of unpacking
+        kept = self.window
+        if self.window_ms > 0.0:
+            kept = max(kept, round(self.window_ms * 1e-3 / max(measurement.dt, _SHORTEST_S)))
+        pairs = (state.pairs + (newest,))[-kept:]  # noqa: RUF005 – half the time of unpacking
         near = measurement.force - reference > -_NEAR_SHARE * reference
         landing = math.inf if near else state.landing + measurement.dt
         state = PredictiveState(
