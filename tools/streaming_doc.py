@@ -26,9 +26,11 @@ STIFFNESSES_KN_M, TOUCHED_KN_M = (5, 50), (5, 20, 50)
 ARMS: Mapping[str, Mapping[str, Any]] = {
     "rigid arm": {"arm": {"compliance": "rigid"}},
     "compliant arm": {},
-    "and a spindle": {"tool": {"spindle_rpm": 10_000.0}},
+    "with a spindle": {"tool": {"spindle_rpm": 10_000.0}, "netft": {"filter": 6}},
 }
-"""Arms and tools in the table of arms, each with the settings of the cell. Without settings, the arm is compliant."""
+"""Arms and tools in the table of arms, each with the settings of the cell. Without settings, the arm is compliant. The
+Net F/T's filter of 18 Hz is for the zero, which is refused while the force changes too much.
+"""
 ARM_CONTROLLERS = ("pi", "admittance", "predictive")
 TOUCHES: Mapping[str, tuple[str, Mapping[str, float]]] = {
     **{robot: (robot, {}) for robot in ROBOTS},
