@@ -17,6 +17,7 @@ IN_CONTACT = """
 emulated = "ft300"
 [cell]
 start_position_mm = [900.0, -100.0, 588.0]
+arm.compliance = "rigid"
 [cell.ft300]
 boot_s = 0.0
 noise_n = 0.0

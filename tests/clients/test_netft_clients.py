@@ -17,6 +17,7 @@ IN_CONTACT = """
 emulated = "netft"
 [cell]
 start_position_mm = [900.0, -100.0, 588.0]
+arm.compliance = "rigid"
 [cell.netft]
 boot_s = 0.0
 noise_n = 0.0
