@@ -167,7 +167,7 @@ def test_fixed_period_skips_missed_cycles(bench: RunBench) -> None:
 def test_tare_removes_tool_weight(bench: RunBench) -> None:
     run = bench(cell={"tool": {"mass_kg": 3.0}})
     assert (
-        max(abs(record.force) for record in run.cycles if record.phase == "approach" and record.depth < 0.008)
+        max(abs(record.force) for record in run.cycles if record.phase == "approach" and record.depth < 0.002)
         < 0.1
     )
     assert run.result.outcome is Outcome.COMPLETED

@@ -228,7 +228,7 @@ def test_identify_tool_does_not_overwrite_its_input(identify: Command) -> None:
 def test_run_with_known_bias_and_tool_needs_no_zero(bench: Callable[..., Any]) -> None:
     tool = {"mass_kg": 3.0, "centre_of_gravity_mm": (0.0, 0.0, 80.0)}
     run = bench(sensor={"tare": False}, tool=tool, cell={"tool": tool})
-    free = [record for record in run.cycles if record.phase == "approach" and record.depth < 0.008]
+    free = [record for record in run.cycles if record.phase == "approach" and record.depth < 0.002]
     assert max(abs(record.force) for record in free) < 0.1
     assert not any("zero taken" in text for text in run.texts("sensor"))
     assert run.result.outcome is Outcome.COMPLETED
