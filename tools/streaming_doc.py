@@ -1,7 +1,7 @@
 """Tables of docs/explanation/streaming.md: each controller on each robot and surface, the first touch, and arms.
 
 Surfaces are soft, hard and curved. The first touch is on a surface of unknown stiffness. The runs use virtual time;
-they take about twenty minutes. `--measure egm` makes only the runs of this robot.
+they take about half an hour on two cores. `--measure egm` makes only the runs of this robot.
 """
 
 import statistics
@@ -88,6 +88,8 @@ def figures_of(case: Case) -> Mapping[str, Any]:
     }
     run = simulate(Setup(read_config(values)).config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
+    if not track:
+        raise RuntimeError(f"{case}: {run.text}")
     begin = track[0].sample.sensor_at + case.settled_s
     settled = [cycle.force - FORCE_N for cycle in track if cycle.sample.sensor_at >= begin]
     return {

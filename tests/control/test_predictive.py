@@ -34,6 +34,18 @@ def test_predictive_settles_near_force_in_paper_setup(wall, stiffness):
         assert merit.rise_samples <= 4
 
 
+@pytest.mark.parametrize(
+    ("window_ms", "dt", "pairs"),
+    [(80.0, 0.004, 20), (80.0, 0.01, 8), (80.0, 0.18, 6), (0.0, 0.004, 6), (80.0, 0.0, 80)],
+)
+def test_predictive_window_is_time_with_fewest_pairs(window_ms, dt, pairs):
+    controller = Predictive(window_ms=window_ms)
+    state = controller.initial()
+    for k in range(100):
+        state, _ = controller.step(state, sample(10.0, travel=k * 1e-4, dt=dt), 10.0)
+    assert len(state.pairs) == pairs
+
+
 def test_predictive_commands_surface_ahead_on_slope():
     controller, state = learnt(5e3)
     slope = 0.2

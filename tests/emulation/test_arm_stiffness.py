@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emulators.arm.compliance import ArmProfile, joint_compliance, mode_of
+from emulators.arm.compliance import ArmProfile, is_rigid, joint_compliance, mode_of
 from emulators.arm.mode import Mode
 from emulators.devices.egm import EgmController, EgmProfile
 from emulators.devices.rsi import RsiController, RsiProfile
@@ -85,3 +85,11 @@ def test_settings_of_mode_take_precedence_over_model() -> None:
     assert mode_of(ArmProfile(frequency_hz=30.0), robot) == (30.0, robot.mode[1])
     assert mode_of(ArmProfile(damping_ratio=0.2), robot) == (robot.mode[0], 0.2)
     assert mode_of(ArmProfile(), object()) == (15.0, 0.03)
+
+
+def test_arm_with_joint_model_is_compliant_by_default() -> None:
+    robot = ROBOTS["ur5e"][0](NEAR)
+    assert not is_rigid(ArmProfile(), robot)
+    assert is_rigid(ArmProfile(compliance="rigid"), robot)
+    assert is_rigid(ArmProfile(), object())
+    assert not is_rigid(ArmProfile(compliance="cartesian"), object())

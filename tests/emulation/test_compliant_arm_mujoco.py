@@ -188,7 +188,7 @@ def test_motion_agrees_with_inertia_at_joints(robot: str, stiffness: float) -> N
 @pytest.mark.sweep
 @BY_CELL
 def test_tap_is_at_most_a_third_harder_than_with_links(robot: str, stiffness: float) -> None:
-    """At 5 and 50 kN/m, the peak is 1 and 5 % higher for the S3, and 6 and 25 % for the UR.
+    """At 5 and 50 kN/m, the peak is 1 and 5 % higher for the S3, and 6 and 28 % for the UR.
 
     A single mode gives the tip a larger effective mass along the normal: 36 kg instead of 22 kg for the S3, and 8.7 kg
     instead of 4.9 kg for the UR.

@@ -7,7 +7,8 @@ obstacle behind the tool: the tool stops at once.
 
 There is another possible reason why a force from the front does not decrease: the robot does not move as it
 reports. So the retraction pauses and observes. If the force rises during the pause, the retraction is not the
-cause, and it continues. Otherwise the retraction is tried a second and last time, slowly.
+cause, and it continues. Otherwise the retraction is tried a second and last time, slowly. Both compare the mean of the
+force over a short time, because an arm may oscillate.
 """
 
 import math

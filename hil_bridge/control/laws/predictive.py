@@ -54,8 +54,8 @@ targets by a little more than the resolution of its position.
 """
 _WINDOWS_MS = {2.0: 0.0, 4.0: 80.0, 12.0: 80.0}
 """`window_ms`, in ms, by sample time, in ms. Chosen: the line then covers more than a period of the first mode of an
-arm, 50 to 70 ms, and does not follow its oscillation. A Universal Robots arm oscillates less, and the line must follow
-the differences from its targets.
+arm, 50 to 70 ms, and does not follow its oscillation. At 2 ms, the sample time of a Universal Robots arm, a longer line
+does not follow the arm's differences from its targets.
 """
 _SHORTEST_S = 1e-3
 """Shortest time between two pairs that counts, s. Chosen: below the cycle of every robot."""
