@@ -17,7 +17,7 @@ NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
 SITE = {
     "robot": {"emulated": "egm"},
     "sensor": {"emulated": "toyline"},
-    "run": {"duration_s": 1.0},
+    "run": {"duration_s": 2.0},
     "cell": NEAR,
 }
 PUSH = (0, 0, -100, 0, 0, 0)
@@ -55,7 +55,8 @@ def test_the_loop_closes_over_the_line() -> None:
 )
 def test_a_sensor_that_fails_ends_the_run(on: str, fault: str, cause: str) -> None:
     failing = {"on": on, "fault": fault, "phase": "track", "after_s": 0.2}
-    result = hil_bridge.simulate(SITE, faults=[failing], seed=7)
+    heavy = SITE | {"cell": NEAR | {"tool": {"mass_kg": 1.0}}}  # a lost weight would not look like the touch
+    result = hil_bridge.simulate(heavy, faults=[failing], seed=7)
     assert result.outcome == "stopped"
     assert result.cause is not None
     assert result.cause.value == cause
