@@ -2,7 +2,7 @@
 
 import sys
 from functools import lru_cache
-from importlib.metadata import EntryPoint, EntryPoints, distributions
+from importlib.metadata import Distribution, EntryPoint, EntryPoints, distributions
 
 _PREFIX = "hil_bridge."
 GROUPS = tuple(
@@ -49,7 +49,13 @@ def _entry_points(path: tuple[str, ...]) -> EntryPoints:
 
 def package_of(point: EntryPoint) -> str:
     """Return the package of an entry point, with its version."""
-    return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown package"
+    return _name_and_version(point.dist) if point.dist else "an unknown package"
+
+
+@lru_cache
+def _name_and_version(package: Distribution) -> str:
+    """Return the name of a package with its version. It is cached, because each reading parses the metadata anew."""
+    return f"{package.name} {package.version}"
 
 
 def outermost_module(point: EntryPoint) -> str:

@@ -25,7 +25,10 @@ DEPTH_OFF_M = 1e-3
 
 
 def false_ends(evidence: Evidence) -> Iterator[Violation]:
-    """Yield a violation if the tool is reported as free at the end, but presses."""
+    """Yield a violation if the tool is reported as free at the end, but presses.
+
+    Nothing is reported about a tool that never moved; a surface may have moved to it.
+    """
     trace = evidence.trace
     if trace is None:
         return
@@ -34,7 +37,9 @@ def false_ends(evidence: Evidence) -> Iterator[Violation]:
     free = bool(rest.get("retracted")) or not rest or end.get("outcome") == Outcome.COMPLETED
     allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
     if not rest:  # it never moved: it was in the surface from the start, or the surface moved to it
-        came_n = added_n(evidence.config.faults, world_of(evidence, evidence.config.frame.approach))
+        faults = evidence.config.faults
+        came_n = added_n(faults, world_of(evidence, evidence.config.frame.approach))
+        came_n = math.inf if any(map(moves_surface, faults)) else came_n
         allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N + came_n)
     if free and true_n > allowed_n:
         yield Violation(Promise.END, at, {"true_n": true_n})
@@ -94,14 +99,17 @@ def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) ->
 
 
 def _depth(evidence: Evidence, trace: Trace) -> float:
-    """Return the true depth of the tool at the end, along the approach from the start point, m; NaN if it is
-    unknown.
+    """Return the depth of the tool at the end if every report since the first cycle were true, m, along the approach
+    from the start point; NaN if it is unknown.
+
+    The true position differs from the reported one from the start by the sag of the arm under the tool's weight.
     """
     cycles = evidence.recording.cycles
     if trace.positions is None or not cycles:
         return math.nan
-    displacement = trace.positions[-1] - np.array(cycles[0].start)
-    return float(displacement @ np.array(evidence.config.frame.approach))
+    first = min(int(np.searchsorted(trace.times, cycles[0].started_at)), len(trace.times) - 1)
+    displacement = trace.positions[-1] - trace.positions[first]
+    return cycles[0].depth + float(displacement @ np.array(evidence.config.frame.approach))
 
 
 def _number(value: object) -> float:
