@@ -21,10 +21,11 @@ _PEAK = math.sqrt(2.0)
 """Amplitude of a wave relative to its root mean square. Derived."""
 _NEGLIGIBLE_RAD = 1e-9
 """Difference from a target below which the difference counts as zero, rad. Chosen."""
-_RATE, _SMOOTHING = 2.4, 0.5
-"""Root mean square of the change of a phase over `follow_error_ms`, rad, before it is smoothed, and time constant of
-the smoothing relative to `follow_error_ms`. Chosen: the correlation is then as recorded. Without the smoothing, the
-wave would excite a compliant arm's mode much more.
+_RATE, _SPREAD, _SMOOTHING = 1.5, 1.4, 0.5
+"""Mean change of a phase over `follow_error_ms` and the largest difference from it, rad, and time constant of the
+smoothing of that change, relative to `follow_error_ms`. Chosen: the correlation is then as recorded, and the wave, of
+at most 4.6 Hz, does not excite the arm's mode. The recorded encoders are behind the gears, so that the mode's motion is
+part of the recorded difference already.
 """
 _LEAST_REPORTED_RAD_S = 5e-4
 """Speed from which a joint reports its speed instead of 0, rad/s. Observed (lbusellato/CoLeCT): a joint whose
@@ -59,8 +60,8 @@ class Drives:
         self._deviates = False
         """Whether any joint deviates from its target."""
         self._phases, self._rates, self._smoothed = [0.0] * 6, [0.0] * 6, [0.0] * 6
-        """Phases of the waves of the differences, rad, and the changes of these phases over the correlation time,
-        rad, before and after smoothing.
+        """Phases of the waves of the differences, rad, and random numbers that vary the changes of these phases, before
+        and after smoothing.
         """
         self._errors = [0.0] * 6
         """Differences from the targets, rad."""
@@ -97,10 +98,10 @@ class Drives:
                 moves * (self._slow_error + self._more_error * speed) - self._sizes[joint]
             )
             self._sizes[joint] = size if size > _NEGLIGIBLE_RAD else 0.0
-            self._rates[joint] += math.sqrt(2.0 * share) * _RATE * normal - share * self._rates[joint]
+            self._rates[joint] += math.sqrt(2.0 * share) * normal - share * self._rates[joint]
             smoothed = min(1.0, share / _SMOOTHING)
             self._smoothed[joint] += smoothed * (self._rates[joint] - self._smoothed[joint])
-            self._phases[joint] += share * self._smoothed[joint]
+            self._phases[joint] += share * (_RATE + _SPREAD * math.tanh(self._smoothed[joint]))
             self._errors[joint] = _PEAK * self._sizes[joint] * math.sin(self._phases[joint])
         self._deviates = any(self._sizes)
 
