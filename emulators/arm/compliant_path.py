@@ -126,6 +126,8 @@ class CompliantPath:
         self._path, self._mode, self._bearing_at, self._contact = path, mode, bearing, contact
         self._step, self._has_memory = step, grid.has_memory
         self._responses = responses(mode, step)
+        self._without_contact: dict[int, Floats] = {}
+        """Matrices of `Responses.without_contact` that were used, by number of points."""
         self.on_change: Callable[[float], object] = _unread
         """Callback for the time from which the path differs from the path that could be read before, s."""
         path.on_change = self._on_path_change
@@ -189,13 +191,13 @@ class CompliantPath:
         """
         self._extend(float(times[0]), float(times[-1]))
         at = (times - self._origin) / self._step
-        points = np.clip((at + _ON_GRID).astype(int), self._oldest, self._newest)
+        points = self._points_before(at)
         share = np.maximum(at - points, 0.0)
         here = self._rows[points % _KEPT, 6:9]
         there = self._rows[np.minimum(points + 1, self._newest) % _KEPT, 6:9]
         forces: Floats = here + share[:, None] * (there - here)
-        ahead = int(np.searchsorted(at, self._newest + _ON_GRID))
-        if ahead < len(times):
+        if at[-1] > self._newest + _ON_GRID:
+            ahead = int(np.searchsorted(at, self._newest + _ON_GRID))
             late = times[ahead:]
             forces[ahead:] = self._contact.force(late, *self.trajectory(late))
         return forces
@@ -209,7 +211,7 @@ class CompliantPath:
         bearing = self._bearing
         assert bearing is not None, "the path has begun"
         at = (times - self._origin) / self._step
-        points = np.clip(np.round(at).astype(int), self._oldest, self._newest)
+        points = self._points_before(np.round(at))
         rotations: Floats = self._rows[points % _KEPT, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
         return rotations
 
@@ -230,7 +232,7 @@ class CompliantPath:
         """
         step, rows = self._step, self._rows
         at = (times - self._origin) / step
-        points = np.clip((at + _ON_GRID).astype(int), self._oldest, self._newest)
+        points = self._points_before(at)
         since = np.maximum((at - points) * step, 0.0)
         here, there = rows[points % _KEPT], rows[np.minimum(points + 1, self._newest) % _KEPT]
         s, rigid = (since / step)[:, None], there[:, 9:].copy()
@@ -259,6 +261,11 @@ class CompliantPath:
         """Return the number of the newest grid point that is not after a time, s."""
         return math.floor((time - self._origin) / self._step + _ON_GRID)
 
+    def _points_before(self, steps: Floats) -> NDArray[np.int_]:
+        """Return the number of the newest known grid point that is not after each of these times (n,), in steps."""
+        points: NDArray[np.int_] = (steps + _ON_GRID).astype(int)
+        return np.minimum(np.maximum(points, self._oldest), self._newest)
+
     def _before(self, times: Floats) -> Floats:
         """Return the times at which the path of the arm is read for grid points, s."""
         before: Floats = np.maximum(times - _BEFORE_S, self._origin)
@@ -285,7 +292,7 @@ class CompliantPath:
         """Start in equilibrium at a grid point."""
         time = np.array([self._origin + point * self._step])
         positions, velocities = self._path.trajectory(self._before(time))
-        bearing = self._borne(time, positions)
+        bearing, _ = self._borne(time, positions)
         compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
         offset = bearing.sag[:3].copy()
         for _ in range(_ITERATIONS):
@@ -297,14 +304,21 @@ class CompliantPath:
         self._rows[point % _KEPT] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0]]
         self._begun = True
 
-    def _borne(self, times: Floats, positions: Floats) -> Bearing:
-        """Return compliance and sag near the first of these positions of the rigid arm, m, and times, s."""
-        if self._bearing is None or self._is_far(times[:1], positions[:1])[0]:
+    def _borne(self, times: Floats, positions: Floats) -> tuple[Bearing, int]:
+        """Return compliance and sag near the first of these positions of the rigid arm, m, and times, s.
+
+        The second result is the number of samples up to the first, or up to the next for which the bearing must be
+        computed again, including this one. The compliance thus changes at the same points, whatever the blocks are.
+        """
+        far = None if self._bearing is None else self._is_far(times, positions)
+        if self._bearing is None or far is None or far[0]:
             time = self._before(times[:1])
             self._bearing = self._bearing_at(float(time[0]))
             self._borne_at = positions[0], self._path.orientations(time)[0][1]
             self._linear = self._plane = None
-        return self._bearing
+            far = self._is_far(times, positions)
+        later = far[1:]
+        return self._bearing, int(np.argmax(later)) + 2 if later.any() else len(times)
 
     def _is_far(self, times: Floats, positions: Floats) -> NDArray[np.bool_]:
         """Return for which of these times the bearing must be computed again."""
@@ -318,19 +332,20 @@ class CompliantPath:
     def _solve(self, times: Floats, positions: Floats) -> None:
         """Compute the points at times[1:], or at least the first of them."""
         start = self._rows[self._newest % _KEPT]
-        bearing = self._borne(times, positions)
-        # the compliance changes at the same points, whatever the blocks are
-        far = self._is_far(times[1:], positions[1:])
-        end = int(np.argmax(far)) + 2 if far.any() else len(times)
+        bearing, end = self._borne(times, positions)
         times, positions = times[:end], positions[:end]
-        velocities = np.diff(positions, axis=0) / self._step
+        velocities = (positions[1:] - positions[:-1]) / self._step
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
-        sag = self._mode.stiffness * bearing.sag[:3]
-        points, grid = len(times) - 1, self._responses
-        state, jumps = start[:6].reshape(2, 3), np.diff(velocities, axis=0, prepend=start[None, 9:])
-        base = grid.free[:, :points] @ state - grid.jumped[:, :points, :points] @ jumps
-        base += grid.forced[:, :points, 0, None] * (compliance @ start[6:9])
-        base += grid.settled[:, :points, None] * sag
+        points, grid = end - 1, self._responses
+        if (matrix := self._without_contact.get(points)) is None:
+            matrix = self._without_contact[points] = grid.without_contact(points)
+        known = np.empty((points + 4, 3))
+        known[:2] = start[:6].reshape(2, 3)
+        known[2] = compliance @ start[6:9]
+        known[3] = self._mode.stiffness * bearing.sag[:3]
+        known[4] = velocities[0] - start[9:]
+        known[5:] = velocities[1:] - velocities[:-1]
+        base = matrix @ known
         block = _Block(
             base,
             grid.forced[:, :points, 1 : points + 1],

@@ -50,6 +50,22 @@ class Responses(NamedTuple):
     settled: Floats
     """Response to an acceleration that is constant from the current point on, (2, n)."""
 
+    def without_contact(self, points: int) -> Floats:
+        """Return the matrix (2, points, points + 4) of the motion if no force acts at these points.
+
+        Its columns belong to the current deflection and velocity, the acceleration at the current point due to a force
+        that falls to zero until the next point, the constant acceleration, and the jump of the velocity at each point.
+        """
+        return np.concatenate(
+            (
+                self.free[:, :points],
+                self.forced[:, :points, :1],
+                self.settled[:, :points, None],
+                -self.jumped[:, :points, :points],
+            ),
+            axis=2,
+        )
+
     def joined(self, points: int, by_position: Floats, by_velocity: Floats) -> Floats:
         """Return the matrix (3 n, 3 n) that maps the error of a force to its correction, for a linear contact.
 

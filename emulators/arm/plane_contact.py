@@ -44,6 +44,10 @@ class PlaneContact:
             (law.stiffness * by_position[0] + law.damping * by_velocity[0]).tolist()
         )
         """Decrease of the normal force per unit of each component of the force at the end of a step."""
+        self._ratio = self._change = 0.0
+        """Ratio of friction to sliding velocity at the end of the newest step, N·s/m, and its change in that step. The
+        next ratio is searched from their sum.
+        """
 
     def is_free(self, positions: Floats) -> bool:
         """Return whether the tool touches the surface at none of these positions (n, 3), m, base frame."""
@@ -59,7 +63,8 @@ class PlaneContact:
         (b0, b1), (e0, e1) = self._begin, self._end
         (c00, c01, c02), (c10, c11, c12), (c20, c21, c22) = self._compliance
         # offset d, its rate v and acceleration a, due to the forces at these points
-        d0 = d1 = d2 = v0 = v1 = v2 = a0 = a1 = a2 = ratio = 0.0
+        d0 = d1 = d2 = v0 = v1 = v2 = a0 = a1 = a2 = 0.0
+        ratio, change = self._ratio, self._change
         forces = []
         for x, (u0, u1, u2) in zip(
             (positions @ frame[0]).tolist(), (velocities @ frame.T).tolist(), strict=True
@@ -68,10 +73,12 @@ class PlaneContact:
             d1, v1 = m00 * d1 + m01 * v1 + b0 * a1, m10 * d1 + m11 * v1 + b1 * a1
             d2, v2 = m00 * d2 + m01 * v2 + b0 * a2, m10 * d2 + m11 * v2 + b1 * a2
             depth = origin - x - d0
+            before = ratio
             if depth > 0.0:
-                force, ratio = self._force(depth, (u0 + v0, u1 + v1, u2 + v2), ratio)
+                force, ratio = self._force(depth, (u0 + v0, u1 + v1, u2 + v2), ratio + change)
             else:
                 force, ratio = _NO_FORCE, 0.0
+            change = ratio - before if before > 0.0 else 0.0
             f0, f1, f2 = force
             a0 = c00 * f0 + c01 * f1 + c02 * f2
             a1 = c10 * f0 + c11 * f1 + c12 * f2
@@ -85,6 +92,7 @@ class PlaneContact:
                 v2 + e1 * a2,
             )
             forces.append(force)
+        self._ratio, self._change = ratio, change
         return np.array(forces) @ frame
 
     def _force(
@@ -92,7 +100,7 @@ class PlaneContact:
     ) -> tuple[tuple[float, float, float], float]:
         """Return the force at the end of a step, N, and the ratio of friction to sliding velocity, N·s/m.
 
-        Depth, m, and velocity, m/s, are those without this force. `ratio` is that of the step before.
+        Depth, m, and velocity, m/s, are those without this force. The search begins at `ratio`.
         """
         law, r0 = self._law, self._relief[0]
         normal = law.stiffness * depth - law.damping * velocity[0]
