@@ -11,6 +11,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
 from hil_bridge.errors.cause_row import INTERRUPTED, When
 from hil_bridge.errors.cause_table import TABLE
@@ -67,7 +70,9 @@ class Case:
     faults: Mapping[str, Fault] = field(default_factory=dict)
     """Fault by robot; empty if the event is an operator who presses Ctrl-C."""
     by_force: bool = False
-    """Whether the time counts from when the true force exceeds the limit, instead of from the start of the fault."""
+    """Whether the time counts from the start of the peak above the force limit that stops the run, instead of from the
+    start of the fault.
+    """
 
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
     """Parameters that are divided by the stiffness in kN/m, so that the force is the same."""
@@ -154,7 +159,7 @@ class Times:
     order_s: float | None
     """Time from the start to the first order of the retraction.
 
-    It is also None if the time counts from a force above the limit and the force never exceeded the limit.
+    It is also None if the time counts from a force above the limit and such a force did not stop the run.
     """
     below_s: float | None
     """Time from the start until the true force is below the limit for good; None if it was never above."""
@@ -201,20 +206,27 @@ def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> T
     result, (times, forces) = running.result, watch.truth()
     times, forces = times[times >= began], forces[times >= began]
     above = times[forces > running.config.limits.force_limit_n]
-    if by_force:
-        began = float(above[0]) if len(above) else math.nan
     back = [event.at for event in result.events if (event.kind, event.text) == (EventKind.PHASE, RETRACT)]
     stops = [event.at for event in result.events if event.kind == EventKind.STOP]
+    stopped = any(at < min(back, default=math.inf) + TICK_S for at in stops)
+    if by_force:
+        began = _last_peak(above[above < min(back, default=math.inf)]) if stopped else math.nan
     below = bool(len(above)) and above[-1] < times[-1]
     return Times(
         back[0] - began if back and not math.isnan(began) else None,
         float(above[-1]) + TICK_S - began if below else None,
         float(forces.max()),
         float(forces[-1]),
-        any(at < min(back, default=math.inf) + TICK_S for at in stops),
+        stopped,
         result.text,
         result.left,
     )
+
+
+def _last_peak(above: NDArray[np.float64]) -> float:
+    """Return when the force rose above the limit for the last time, s; `above` are the times at which it is above."""
+    begins = above[np.diff(above, prepend=-math.inf) > 1.5 * TICK_S]
+    return float(begins[-1]) if len(begins) else math.nan
 
 
 def places() -> Iterator[tuple[Case, str, float]]:
