@@ -1,4 +1,6 @@
-"""In-memory record of a run, with the interface of `Recorder`. It is saved to a file only on request."""
+"""In-memory record of a run, with the interface of `Recorder`. It is saved to a file on request, or if it gets too
+long.
+"""
 
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -41,15 +43,18 @@ class KeptRecords:
         metadata: Mapping[str, str],
         takes: Collection[type] = RECORDS,
         most: int | None = None,
+        spill: Path | None = None,
     ) -> None:
         """Arguments as for `Recorder`: `wall_ns` converts a time on the run's clock to ns since the Unix epoch.
 
-        `takes` holds the types of records to keep. If there are more than `most` records, all are discarded; see
-        `is_whole`.
+        `takes` holds the types of records to keep. If there are more than `most` records, all are moved to the new
+        file `spill`, where those that follow are written as well, or discarded if there is no such file.
         """
         self._most = most
+        self._spill = spill
+        self._file: Recorder | None = None
         self.is_whole = True
-        """Whether the memory contains all records; False once they have been discarded."""
+        """Whether the memory contains all records; False once they have been moved or discarded."""
         self.takes = takes
         self._wall_ns = wall_ns
         self._metadata = dict(sorted(metadata.items()))
@@ -58,27 +63,43 @@ class KeptRecords:
 
     def put(self, record: Record) -> None:
         """Add a record. Records after the end are ignored."""
-        if self._end is None and self.is_whole:
+        if self._end is not None:
+            return
+        if self.is_whole:
             self._steps.append(record)
             if self._most is not None and len(self._steps) > self._most:
-                self._steps, self.is_whole = [], False
+                self._leave_memory()
+        elif self._file is not None:
+            self._file.put(record)
+
+    def _leave_memory(self) -> None:
+        """Move all records to the file, or discard them if there is none. Raises ConfigError for an invalid path."""
+        if self._spill is not None:
+            self._file = self._written(self._spill, overwrite=False)
+        self._steps, self.is_whole = [], False
 
     def devices(self, facts: Mapping[str, str]) -> None:
         """Store the facts of the devices, JSON by name."""
+        if self._file is not None:
+            self._file.devices(facts)
         self._steps.append(dict(facts))
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Add an attachment; it replaces an earlier attachment with the same name."""
+        if self._file is not None:
+            self._file.attach(name, media_type, data)
         self._steps.append(_Attachment(name, media_type, data))
 
     def pause(self, seconds: float) -> None:
         """Do nothing, because there is no writer thread."""
 
     def close(self, end: Mapping[str, str]) -> None:
-        """Store the metadata of the end. Idempotent."""
+        """Store the metadata of the end. Idempotent. Raises BridgeError if the file is incomplete."""
         if self._end is None:
             self._end = dict(end)
             self._steps = _add_times(self._steps)
+        if self._file is not None:
+            self._file.close(end)
 
     @property
     def traffic(self) -> RawTraffic:
@@ -126,6 +147,10 @@ class KeptRecords:
 
         Raises ConfigError for an invalid path, BridgeError for a disk error.
         """
+        self._written(path, overwrite).close(self._end)
+
+    def _written(self, path: Path, overwrite: bool) -> Recorder:
+        """Return the recorder of a file that holds all records, and is not closed."""
         recorder = Recorder(path, self._wall_ns, self._metadata, VIRTUAL, overwrite)
         for step in self._steps:
             if isinstance(step, dict):
@@ -134,7 +159,7 @@ class KeptRecords:
                 recorder.attach(*step)
             else:
                 recorder.put(step)  # type: ignore[arg-type]
-        recorder.close(self._end)
+        return recorder
 
 
 def _add_times(steps: list[_Step]) -> list[_Step]:

@@ -192,18 +192,27 @@ class Session:
         map_buffers()
         metadata = metadata_of(setup.config, clock.is_virtual)
         writing = VIRTUAL if clock.is_virtual else REAL_TIME
-        recorder = Recorder(self._path, clock.wall_ns, metadata, writing, self._outputs.overwrite)
+        from_memory = self._outputs.temporary and clock.is_virtual
+        recorder = (
+            None
+            if from_memory
+            else Recorder(self._path, clock.wall_ns, metadata, writing, self._outputs.overwrite)
+        )
         record = "" if self._outputs.temporary else format_path(self._path)
         view = TerminalView(self.terminal, self.show_view, clock.is_virtual)
         page = None if self.feed is None else Page(self.feed, self.notes, record)
-        watchers: list[Watcher] = [recorder, self.notes, view, *([] if page is None else [page])]
+        watchers: list[Watcher] = [self.notes, view, *([] if page is None else [page])]
+        if recorder is not None:
+            watchers.insert(0, recorder)
         if clock.is_virtual:
-            self._kept = KeptRecords(clock.wall_ns, metadata, READ_RECORDS, KEPT_RECORDS)
+            spill = self._path if from_memory else None
+            self._kept = KeptRecords(clock.wall_ns, metadata, READ_RECORDS, KEPT_RECORDS, spill)
             watchers.append(self._kept)
         log = RunLog(clock, watchers)
         stopping = self._stopping = Stopping(self.signals, log)
         log.join(Listener({CycleRecord: _collector(clock)}))
-        log.join(Listener({CycleRecord: lambda _: self._check_recorder(recorder, log, view)}))
+        if recorder is not None:
+            log.join(Listener({CycleRecord: lambda _: self._check_recorder(recorder, log, view)}))
         run: Running | None = None
 
         async def with_devices() -> RunResult:
@@ -220,7 +229,7 @@ class Session:
                     return await run()
 
         try:
-            if recorder.error is not None:
+            if recorder is not None and recorder.error is not None:
                 raise recorder.error
             with stopping.interruptible(), real_time_loop(setup.config.realtime, clock.is_virtual):
                 try:

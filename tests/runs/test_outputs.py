@@ -20,7 +20,7 @@ from hil_bridge.record import Outcome, read
 from hil_bridge.record import files as files_module
 from hil_bridge.record import recorder as recorder_module
 from hil_bridge.record.files import open_record, write_atomically
-from hil_bridge.runs import outputs
+from hil_bridge.runs import outputs, session
 from tests.command_line import Command, Result
 
 pytestmark = pytest.mark.sweep
@@ -65,6 +65,24 @@ def test_runs_in_same_second_have_separate_folders(hil: Command, monkeypatch: py
     names = [f"2026-11-22-1415-03-default{number}" for number in ("", "-2", "-3")]
     assert sorted(path.name for path in Path("runs").iterdir()) == names
     assert {len(list((Path("runs") / name).iterdir())) for name in names} == {3}
+
+
+def test_long_run_without_recording_leaves_memory_for_temporary_file(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Path] = []
+    monkeypatch.setattr(
+        recorder_module, "open_record", lambda path, again: opened.append(path) or open_record(path, again)
+    )
+    figures = []
+    for most in (session.KEPT_RECORDS, 100):
+        monkeypatch.setattr(session, "KEPT_RECORDS", most)
+        summary = f"{most}.json"
+        assert hil(*VIRTUAL, "--no-record", "--summary", summary)[0] == 0
+        figures.append(json.loads(Path(summary).read_text()))
+    assert figures[0] == figures[1]
+    (temporary,) = opened  # only the long run
+    assert not temporary.exists()
 
 
 def test_named_or_disabled_recording_makes_no_folder(hil: Command, tmp_path: Path) -> None:
