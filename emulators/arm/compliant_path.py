@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.arm.mode import POINTS, Mode, coupling_matrix, responses
+from emulators.arm.mode import POINTS, Block, Mode, responses
 from emulators.arm.plane_contact import PlaneContact
 from emulators.seams import ArmPath, Floats
 from emulators.surface.plane_law import PlaneLaw
@@ -346,7 +346,7 @@ class CompliantPath:
         known[4] = velocities[0] - start[9:]
         known[5:] = velocities[1:] - velocities[:-1]
         base = matrix @ known
-        block = _Block(
+        block = Block(
             base,
             grid.forced[:, :points, 1 : points + 1],
             compliance,
@@ -368,7 +368,7 @@ class CompliantPath:
         while not self._solved(block.first(points), start[6:9], points == 1):
             points = (points + 1) // 2
 
-    def _solve_on_plane(self, block: "_Block", law: PlaneLaw, is_free: bool) -> None:
+    def _solve_on_plane(self, block: Block, law: PlaneLaw, is_free: bool) -> None:
         """Solve a block for a tool that may touch a plane.
 
         `is_free` states that it does not touch it at the last solved point.
@@ -382,7 +382,7 @@ class CompliantPath:
         forces = self._plane.forces(positions, block.velocities + block.base[1])
         self._note(block, block.response(forces), forces)
 
-    def _solve_as_linear(self, block: "_Block", force: Floats) -> bool:
+    def _solve_as_linear(self, block: Block, force: Floats) -> bool:
         """Solve a block whose contact stays nearly linear; return whether the iteration converges.
 
         `force` is the contact force at the last solved point.
@@ -419,7 +419,7 @@ class CompliantPath:
                 forces = forces + (linear[: error.size, : error.size] @ error.ravel()).reshape(error.shape)
         return False
 
-    def _solved(self, block: "_Block", force: Floats, last: bool) -> bool:
+    def _solved(self, block: Block, force: Floats, last: bool) -> bool:
         """Solve a block by Newton's method; return whether the iteration converges.
 
         With `last`, the best result is kept even if the iteration does not converge.
@@ -471,7 +471,7 @@ class CompliantPath:
         by_velocity = (forces[4:7] - forces[0]) / _VELOCITY_STEP_M_S
         return forces[0], (by_position.transpose(1, 2, 0), by_velocity.transpose(1, 2, 0))
 
-    def _note(self, block: "_Block", moved: Floats, force: Floats) -> None:
+    def _note(self, block: Block, moved: Floats, force: Floats) -> None:
         """Store the points of a block: deflections and velocities (2, n, 3), forces (n, 3)."""
         count = len(force)
         rows = (self._newest + 1 + np.arange(count)) % _KEPT
@@ -479,36 +479,3 @@ class CompliantPath:
         self._newest += count
         self._oldest = max(self._oldest, self._newest - _KEPT + 1)
         self._contact.keep()
-
-
-class _Block(NamedTuple):
-    """Grid points that are solved together."""
-
-    base: Floats
-    """Deflection and velocity (2, n, 3) if no contact force acts at these points."""
-    forced: Floats
-    """Response (2, n, n) to the acceleration at each point."""
-    compliance: Floats
-    """Acceleration per unit of force (3, 3), 1/kg."""
-    times: Floats
-    """Times of the points (n,), s."""
-    positions: Floats
-    """Positions of the rigid arm (n, 3), m."""
-    velocities: Floats
-    """Mean velocities of the rigid arm since the point before (n, 3), m/s."""
-
-    def first(self, points: int) -> "_Block":
-        """Return a block with only the first points of this block."""
-        base, forced, compliance, *motion = self
-        return _Block(
-            base[:, :points], forced[:, :points, :points], compliance, *(part[:points] for part in motion)
-        )
-
-    def response(self, force: Floats) -> Floats:
-        """Return deflection and velocity (2, n, 3) for a contact force (n, 3)."""
-        return self.base + self.forced @ (force @ self.compliance.T)
-
-    def newton_step(self, error: Floats, slopes: tuple[Floats, Floats]) -> Floats:
-        """Return the change of the contact force (n, 3) that removes its error (n, 3)."""
-        flat = coupling_matrix(self.forced, slopes[0] @ self.compliance, slopes[1] @ self.compliance)
-        return np.array(np.linalg.solve(flat, error.ravel()), np.float64).reshape(error.shape)

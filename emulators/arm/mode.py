@@ -119,3 +119,36 @@ def coupling_matrix(forced: Floats, by_position: Floats, by_velocity: Floats) ->
         matrix -= slope[:, :, None, :] * response[:, None, :, None]
     matrix += np.eye(3 * count).reshape(matrix.shape)
     return matrix.reshape(3 * count, 3 * count)
+
+
+class Block(NamedTuple):
+    """Grid points that are solved together."""
+
+    base: Floats
+    """Deflection and velocity (2, n, 3) if no contact force acts at these points."""
+    forced: Floats
+    """Response (2, n, n) to the acceleration at each point."""
+    compliance: Floats
+    """Acceleration per unit of force (3, 3), 1/kg."""
+    times: Floats
+    """Times of the points (n,), s."""
+    positions: Floats
+    """Positions of the rigid arm (n, 3), m."""
+    velocities: Floats
+    """Mean velocities of the rigid arm since the point before (n, 3), m/s."""
+
+    def first(self, points: int) -> "Block":
+        """Return a block with only the first points of this block."""
+        base, forced, compliance, *motion = self
+        return Block(
+            base[:, :points], forced[:, :points, :points], compliance, *(part[:points] for part in motion)
+        )
+
+    def response(self, force: Floats) -> Floats:
+        """Return deflection and velocity (2, n, 3) for a contact force (n, 3)."""
+        return self.base + self.forced @ (force @ self.compliance.T)
+
+    def newton_step(self, error: Floats, slopes: tuple[Floats, Floats]) -> Floats:
+        """Return the change of the contact force (n, 3) that removes its error (n, 3)."""
+        flat = coupling_matrix(self.forced, slopes[0] @ self.compliance, slopes[1] @ self.compliance)
+        return np.array(np.linalg.solve(flat, error.ravel()), np.float64).reshape(error.shape)

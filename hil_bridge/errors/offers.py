@@ -54,7 +54,7 @@ def package_of(point: EntryPoint) -> str:
 
 @lru_cache
 def _name_and_version(package: Distribution) -> str:
-    """Return the name of a package with its version. It is cached, because each reading parses the metadata anew."""
+    """Return the name of a package with its version. It is cached, because each reading parses the metadata again."""
     return f"{package.name} {package.version}"
 
 

@@ -35,7 +35,7 @@ from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.stopping import Stopping
 from hil_bridge.runs.terminal_view import TerminalView
 from hil_bridge.runs.views import Views, open_feed
-from hil_bridge.runs.watchers import Listener, Watcher
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config
 from hil_bridge.show.web.feed import Feed
 
@@ -190,25 +190,12 @@ class Session:
         """Open everything, run, and close everything. The recording is completed in any case."""
         clock, setup = Clock.running(), self._setup
         map_buffers()
-        metadata = metadata_of(setup.config, clock.is_virtual)
-        writing = VIRTUAL if clock.is_virtual else REAL_TIME
-        from_memory = self._outputs.temporary and clock.is_virtual
-        recorder = (
-            None
-            if from_memory
-            else Recorder(self._path, clock.wall_ns, metadata, writing, self._outputs.overwrite)
-        )
+        recorder = self._record(clock)
         record = "" if self._outputs.temporary else format_path(self._path)
         view = TerminalView(self.terminal, self.show_view, clock.is_virtual)
         page = None if self.feed is None else Page(self.feed, self.notes, record)
-        watchers: list[Watcher] = [self.notes, view, *([] if page is None else [page])]
-        if recorder is not None:
-            watchers.insert(0, recorder)
-        if clock.is_virtual:
-            spill = self._path if from_memory else None
-            self._kept = KeptRecords(clock.wall_ns, metadata, READ_RECORDS, KEPT_RECORDS, spill)
-            watchers.append(self._kept)
-        log = RunLog(clock, watchers)
+        watchers = (recorder, self.notes, view, page, self._kept)
+        log = RunLog(clock, [watcher for watcher in watchers if watcher is not None])
         stopping = self._stopping = Stopping(self.signals, log)
         log.join(Listener({CycleRecord: _collector(clock)}))
         if recorder is not None:
@@ -252,6 +239,21 @@ class Session:
             if page is not None:
                 page.end(self.end)
             clock.close()
+
+    def _record(self, clock: Clock) -> Recorder | None:
+        """Prepare the records of the run: in a file, in memory in virtual time, or both.
+
+        Return the recorder of the file; None if memory is enough.
+        """
+        metadata = metadata_of(self._setup.config, clock.is_virtual)
+        temporary = self._outputs.temporary and clock.is_virtual
+        if clock.is_virtual:
+            spill = self._path if temporary else None
+            self._kept = KeptRecords(clock.wall_ns, metadata, READ_RECORDS, KEPT_RECORDS, spill)
+        if temporary:
+            return None
+        writing = VIRTUAL if clock.is_virtual else REAL_TIME
+        return Recorder(self._path, clock.wall_ns, metadata, writing, self._outputs.overwrite)
 
     def _close(self, log: RunLog) -> None:
         """Finish the recording. Idempotent."""

@@ -67,13 +67,16 @@ def test_runs_in_same_second_have_separate_folders(hil: Command, monkeypatch: py
     assert {len(list((Path("runs") / name).iterdir())) for name in names} == {3}
 
 
-def test_long_run_without_recording_leaves_memory_for_temporary_file(
+def test_long_run_without_recording_uses_temporary_file(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[Path] = []
-    monkeypatch.setattr(
-        recorder_module, "open_record", lambda path, again: opened.append(path) or open_record(path, again)
-    )
+
+    def open_and_note(path: Path, overwrite: bool) -> BinaryIO:
+        opened.append(path)
+        return open_record(path, overwrite)
+
+    monkeypatch.setattr(recorder_module, "open_record", open_and_note)
     figures = []
     for most in (session.KEPT_RECORDS, 100):
         monkeypatch.setattr(session, "KEPT_RECORDS", most)
