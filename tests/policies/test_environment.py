@@ -208,10 +208,10 @@ def test_episodes_leak_no_memory_or_threads() -> None:
     env = FollowEnv(config=NEAR)
     env.reset(seed=1)
     before = 0.0
-    for number in range(40):
+    for number in range(60):
         play(env, gentle)
         env.reset()  # and left in place
-        if number == 19:  # by then, the collector has found the first cells
+        if number == 39:  # by then, the collector has found the first cells
             before = resident_mb()
     assert resident_mb() - before < 8.0
     env.close()
