@@ -310,8 +310,8 @@ class CompliantPath:
         The second result is the number of samples up to the first, or up to the next for which the bearing must be
         computed again, including this one. The compliance thus changes at the same points, whatever the blocks are.
         """
-        far = None if self._bearing is None else self._is_far(times, positions)
-        if self._bearing is None or far is None or far[0]:
+        far = self._is_far(times, positions)
+        if self._bearing is None or far[0]:
             time = self._before(times[:1])
             self._bearing = self._bearing_at(float(time[0]))
             self._borne_at = positions[0], self._path.orientations(time)[0][1]

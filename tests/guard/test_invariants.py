@@ -275,6 +275,23 @@ def test_surface_after_newest_frame_is_no_violation(healthy: Evidence) -> None:
     assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(oscillating)}
 
 
+def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:
+    """The true tip lies off the reported one from the start."""
+    assert healthy.trace is not None
+    assert healthy.trace.positions is not None
+    sagging = replace(healthy.trace, positions=healthy.trace.positions - [0.0, 0.0, 5e-3])
+    assert Promise.LAST_LINE not in {one.promise for one in broken_promises(replace(healthy, trace=sagging))}
+
+
+def test_surface_that_comes_to_resting_tool_is_no_false_end(healthy: Evidence) -> None:
+    assert healthy.trace is not None
+    end = {key: value for key, value in healthy.recording.end.items() if key != "rest"}
+    pressed = recorded(traced(healthy, forces=last(healthy.trace.forces, 60.0)), end=end)
+    assert Promise.END in {one.promise for one in broken_promises(pressed)}
+    rises = faulted(pressed, {"on": "surface", "fault": "rises", "phase": "connect", "with": {"mm_s": 1.0}})
+    assert Promise.END not in {one.promise for one in broken_promises(rises)}
+
+
 def test_hardening_surface_does_not_excuse_end_force(healthy: Evidence) -> None:
     """The tool does not move, so the newest force counts."""
     assert healthy.trace is not None

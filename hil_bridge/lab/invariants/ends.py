@@ -38,8 +38,8 @@ def false_ends(evidence: Evidence) -> Iterator[Violation]:
     allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
     if not rest:  # it never moved: it was in the surface from the start, or the surface moved to it
         faults = evidence.config.faults
-        came_n = added_n(faults, world_of(evidence, evidence.config.frame.approach))
-        came_n = math.inf if any(map(moves_surface, faults)) else came_n
+        world = world_of(evidence, evidence.config.frame.approach)
+        came_n = math.inf if any(map(moves_surface, faults)) else added_n(faults, world)
         allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N + came_n)
     if free and true_n > allowed_n:
         yield Violation(Promise.END, at, {"true_n": true_n})
