@@ -288,7 +288,7 @@ def test_surface_that_comes_to_resting_tool_is_no_false_end(healthy: Evidence) -
     end = {key: value for key, value in healthy.recording.end.items() if key != "rest"}
     pressed = recorded(traced(healthy, forces=last(healthy.trace.forces, 60.0)), end=end)
     assert Promise.END in {one.promise for one in broken_promises(pressed)}
-    rises = faulted(pressed, {"on": "surface", "fault": "rises", "phase": "connect", "with": {"mm_s": 1.0}})
+    rises = faulted(pressed, {"on": "surface", "fault": "rises", "phase": "connect", "with": {"mm_s": 0.1}})
     assert Promise.END not in {one.promise for one in broken_promises(rises)}
 
 
