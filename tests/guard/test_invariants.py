@@ -286,7 +286,8 @@ def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:
 def test_surface_that_comes_to_resting_tool_is_no_false_end(healthy: Evidence) -> None:
     assert healthy.trace is not None
     end = {key: value for key, value in healthy.recording.end.items() if key != "rest"}
-    pressed = recorded(traced(healthy, forces=last(healthy.trace.forces, 60.0)), end=end)
+    forces = np.where(healthy.trace.times > healthy.trace.times[0], 60.0, 0.0)
+    pressed = recorded(traced(healthy, forces=forces), end=end)
     assert Promise.END in {one.promise for one in broken_promises(pressed)}
     rises = faulted(pressed, {"on": "surface", "fault": "rises", "phase": "connect", "with": {"mm_s": 0.1}})
     assert Promise.END not in {one.promise for one in broken_promises(rises)}
