@@ -13,7 +13,7 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord, TruthRecord
 from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.charts.surface import deflection_um, tilt_deg, touches
-from protocol.geometry import tool_axis
+from protocol.geometry import rotate, tool_axis
 
 ROW_S = 0.04
 """Shortest time between two rows of a live page, s. Chosen: one video frame."""
@@ -28,6 +28,11 @@ _LEAST_TILT_DEG = 0.01
 """Tilt below which the tool axis counts as parallel to the normal, °. Chosen: the rounding error."""
 
 PLACE = ("position_x", "position_y", "position_z")
+TURN = ("turn_w", "turn_x", "turn_y", "turn_z")
+PUSH = ("force_x", "force_y", "force_z")
+JOINTS = tuple(f"joint_{number}" for number in range(1, 7))
+SPACE = (*PLACE, *TURN, *PUSH)
+"""Position, orientation and force in space: base frame, mm and N."""
 CYCLE = (
     *("x", "force", "force_reference", "clamped", "wrench_fx", "wrench_fy", "lateral", "resultant"),
     *("wrench_mx", "wrench_my", "wrench_mz", "moment"),
@@ -35,9 +40,9 @@ CYCLE = (
     *("stiffness", "gain"),
     *("cycle_ms", "age_ms", "answer_ms", FEED, SIGMA),
     *(f"{name}{end}" for name in NORMALS for end in ("", "_low", "_high")),
-    *(*PLACE, "in_contact"),
+    *(*SPACE, "in_contact"),
 )
-TRUTH = ("x", "force", "depth", *PLACE, "tilt", "tilt_touching", "deflection", "deflection_across")
+TRUTH = ("x", "force", "depth", *SPACE, *JOINTS, "tilt", "tilt_touching", "deflection", "deflection_across")
 TABLES = {"cycle": CYCLE, "truth": TRUTH}
 _FORCE = CYCLE.index("force")
 Value: TypeAlias = float | None
@@ -66,7 +71,8 @@ class Columns:
         self._due = dict.fromkeys(TABLES, -math.inf)
         self._skipped: list[Row] = []
         self._before: float | None = None
-        self._start: Sequence[float] = (0.0, 0.0, 0.0)
+        self.start: Sequence[float] = (0.0, 0.0, 0.0)
+        """Position of the start point, base frame, m, to which the positions of the rows are relative."""
         self.approach: Sequence[float] | None = facts.approach
         """Unit vector of the approach in the base frame; None until known."""
 
@@ -87,7 +93,7 @@ class Columns:
 
     def cycle(self, record: CycleRecord) -> None:
         """Add a cycle."""
-        self._start = record.start
+        self.start = record.start
         if self.approach is None:
             self.approach = tool_axis(record.sample.quaternion)
         before, self._before = self._before, record.started_at
@@ -172,6 +178,8 @@ class Columns:
             sigma,
             *(value for normal in normals for value in (normal, normal - 2 * sigma, normal + 2 * sigma)),
             *self._place(record.sample.position),
+            *record.sample.quaternion,
+            *rotate(record.sample.quaternion, (fx, fy, fz)),
             float(record.in_contact),
         )
 
@@ -188,7 +196,8 @@ class Columns:
         self._add(
             "truth",
             (
-                *(record.at - self._began, force, depth, *place),
+                *(record.at - self._began, force, depth),
+                *(*place, *record.quaternion, *record.force, *record.joints_deg),
                 *(tipped, tipped if touches(record) else None),
                 *deflection_um(record, self.approach),
             ),
@@ -196,7 +205,7 @@ class Columns:
 
     def _place(self, position: Sequence[float]) -> list[float]:
         """Return the position relative to the start point, base frame, mm."""
-        return [(one - start) * MILLI for one, start in zip(position, self._start, strict=True)]
+        return [(one - start) * MILLI for one, start in zip(position, self.start, strict=True)]
 
     def _add(self, table: str, row: Row) -> None:
         self._rows[table].append(row)

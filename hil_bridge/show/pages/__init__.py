@@ -1,6 +1,6 @@
 """Shared parts of browser pages: uPlot charts, style, and self-contained documents."""
 
-from hil_bridge.show.pages.assets import asset, chart_script, style
+from hil_bridge.show.pages.assets import asset, cell_script, chart_script, style
 from hil_bridge.show.pages.description import (
     Axis,
     Band,
@@ -13,7 +13,7 @@ from hil_bridge.show.pages.description import (
     Source,
     Span,
 )
-from hil_bridge.show.pages.document import document, in_script, room, skeleton
+from hil_bridge.show.pages.document import cell_room, document, in_script, room, skeleton
 
 __all__ = [
     "Axis",
@@ -27,6 +27,8 @@ __all__ = [
     "Source",
     "Span",
     "asset",
+    "cell_room",
+    "cell_script",
     "chart_script",
     "document",
     "in_script",

@@ -1,9 +1,11 @@
 """Scripts and style sheets of pages. The build adds the files of uPlot; see `hatch_build.py`."""
 
+import json
 from functools import cache
 from importlib.resources import files
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.show.pages.svg import PALETTES
 
 UPLOT_LICENSE = "uPlot-LICENSE.txt"
 _FROM_BUILD = {"uPlot.iife.js": "vendor/uPlot.iife.js", "uPlot.min.css": "vendor/uPlot.min.css"}
@@ -33,6 +35,12 @@ def chart_script() -> str:
             asset("charts.js"),
         )
     )
+
+
+def cell_script() -> str:
+    """Return one script that draws the cell in three dimensions; it defines `HilCell`."""
+    palettes = f"var HilPalettes = {json.dumps(PALETTES)};"
+    return "\n".join((palettes, *map(asset, ("space.js", "cell_parts.js", "orbit.js", "cell.js"))))
 
 
 def style() -> str:

@@ -2,17 +2,32 @@
 
 import base64
 import hashlib
+from collections.abc import Mapping
 from html import escape
+from typing import Any
 
 import msgspec
 
-from hil_bridge.show.pages.assets import chart_script, style
+from hil_bridge.show.pages.assets import cell_script, chart_script, style
 from hil_bridge.show.pages.description import Charts
 
 _DRAW = """
+const hilData = id => JSON.parse(document.getElementById(id).textContent);
+const hilDrawn = {};
 for (const place of document.querySelectorAll("[data-charts]")) {
-  const encoded = document.getElementById(place.dataset.charts).textContent;
-  HilCharts.draw(place, JSON.parse(encoded));
+  const first = place.dataset.first ? Number(place.dataset.first) : null;
+  hilDrawn[place.dataset.charts] = HilCharts.draw(place, hilData(place.dataset.charts), {first});
+}
+addEventListener("beforeprint", () => document.querySelectorAll("details.fold").forEach(one => { one.open = true; }));
+"""
+_DRAW_CELL = """
+for (const place of document.querySelectorAll("[data-cell]")) {
+  const {model, rows, start, at} = hilData(place.dataset.cell);
+  const charts = hilDrawn[place.dataset.marks];
+  const cell = HilCell.draw(place, model, {moved: t => { if (charts) charts.here(t); }});
+  cell.rows(rows, start);
+  cell.show(at);
+  window.hilCell = cell;
 }
 """
 _ESCAPES = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
@@ -27,20 +42,38 @@ def in_script(value: object) -> str:
     return encoded
 
 
-def room(name: str, charts: Charts) -> str:
-    """Render charts for the body of a document. `name` consists of letters and must be unique in the document."""
+def room(name: str, charts: Charts, first: int | None = None) -> str:
+    """Render charts for the body of a document. `name` consists of letters and must be unique in the document.
+
+    With `first`, only this many charts are visible until the reader asks for the others.
+    """
+    folded = "" if first is None else f' data-first="{first}"'
     return (
         f'<script type="application/json" id="data-{name}">{in_script(charts)}</script>\n'
-        f'<div data-charts="data-{name}"><noscript>The charts need JavaScript.</noscript></div>'
+        f'<div data-charts="data-{name}"{folded}><noscript>The charts need JavaScript.</noscript></div>'
     )
 
 
-def document(title: str, body: str, charts: bool = True) -> str:
-    """Render the page around an HTML body, with the script that draws each `room` if the page has charts.
+def cell_room(picture: Mapping[str, Any], charts: str) -> str:
+    """Render the cell in three dimensions for the body of a document, from model, rows and first time.
+
+    `charts` is the name of the `room` whose charts mark the displayed time.
+    """
+    return (
+        f'<script type="application/json" id="data-cell">{in_script(picture)}</script>\n'
+        f'<div data-cell="data-cell" data-marks="data-{charts}"></div>'
+    )
+
+
+def document(title: str, body: str, charts: bool = True, cell: bool = False) -> str:
+    """Render the page around an HTML body, with the script that draws each `room` if the page has charts, and the
+    `cell_room` if it has a cell.
 
     The content security policy of the page allows only this script, and no external resources.
     """
     script = f"{chart_script()}\n{_DRAW}" if charts else ""
+    if cell:
+        script = f"{script}\n{cell_script()}\n{_DRAW_CELL}"
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     allowed = f"'sha256-{digest}'" if charts else "'none'"
     policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
