@@ -14,7 +14,8 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.stopping import Stopping
-from hil_bridge.runs.views import health_of, scene_of
+from hil_bridge.runs.views import health_of, planned_places, scene_of
+from hil_bridge.show.charts.cell import model_of
 from hil_bridge.show.terminal import REFRESH_SECONDS
 from hil_bridge.show.web.feed import Feed
 
@@ -52,7 +53,9 @@ class Page:
         """Mark the devices of the run as open."""
         self._run = run
         scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
-        self._feed.begin(scene, run.clock.wall_ns(0.0))
+        config = run.setup.config
+        model = model_of(config, planned_places(config, run.run.legs))
+        self._feed.begin(scene, run.clock.wall_ns(0.0), model)
         served = run.devices.served
         if served is not None and served.operated is not None:
             self._feed.offer(served.operated)

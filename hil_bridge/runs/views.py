@@ -4,14 +4,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
 from hil_bridge.console import keys
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import Config
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web.feed import Feed, WebOptions
+from protocol.geometry import Vector
+
+_FARTHEST_MM = 300.0
+"""Length of the path up to which the work piece of a long run is drawn, mm. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +67,24 @@ def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) 
         record=record,
         keys=keys.is_interactive(),
     )
+
+
+def planned_places(config: Config, legs: Sequence[Leg]) -> list[Vector]:
+    """Return places on the paths that a run plans, base frame, m. Positions that the run will determine are guesses."""
+    frame, x, y = config.frame, 0.0, 0.0
+    plan = [(x, y)]
+    for leg in legs:
+        if leg.step.goal_mm is not None:
+            x, y = leg.step.goal_mm
+            plan.append((x, y))
+        elif (path := leg.way) is not None:
+            plan += [(x + u * 1e3, y + v * 1e3) for u, v in path.points]
+            x, y = plan[-1]
+    if not legs:
+        plan.append((min(config.task.speed_mm_s * config.run.duration_s, _FARTHEST_MM), 0.0))
+    origin = frame.origin_mm or config.cell.start_position_mm
+    places = np.array(origin) + np.array(plan) @ np.array([frame.travel, frame.across])
+    return [(u, v, w) for u, v, w in (1e-3 * places).tolist()]
 
 
 def health_of(run: Running | None) -> Health:

@@ -21,6 +21,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, RunEnd
 from hil_bridge.record.topics import Record
+from hil_bridge.show.charts.cell import CellModel
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
 
@@ -174,9 +175,9 @@ class Feed:
         self.show_panel()
         self._send(wire.encode_message(wire.PanelResponse(request.number, error)), 0)
 
-    def begin(self, scene: Scene, unix_zero_ns: int) -> None:
-        """Send the facts of the run; call it again when they change."""
-        self._send(wire.encode_message(wire.Begin(scene, unix_zero_ns)), 0)
+    def begin(self, scene: Scene, unix_zero_ns: int, model: CellModel | None = None) -> None:
+        """Send the facts of the run, and the constant part of the cell's picture; call it again when they change."""
+        self._send(wire.encode_message(wire.Begin(scene, unix_zero_ns, model or CellModel())), 0)
 
     def devices(self, facts: Mapping[str, str]) -> None:
         """Send the facts of the devices, as JSON by name, once the devices are ready."""

@@ -6,7 +6,7 @@ from typing import Any
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
 from hil_bridge.record.ending import Check, describe_end
-from hil_bridge.record.records import EventRecord, TruthRecord
+from hil_bridge.record.records import EventRecord
 from hil_bridge.show.charts.columns import MILLI, round_digits
 from hil_bridge.show.charts.events import line_of, weight_of
 from hil_bridge.show.terminal import Scene, Snapshot
@@ -93,7 +93,6 @@ def now_values(snapshot: Snapshot) -> dict[str, Any]:
             "verdict": newest.verdict,
             "reasons": list(newest.reasons),
             "answer_ms": _ms(newest.answer_s),
-            "quaternion": [round_digits(value) for value in newest.sample.quaternion],
         }
     return values
 
@@ -116,16 +115,6 @@ def end_values(end: Mapping[str, str]) -> dict[str, Any]:
 def is_zero(event: EventRecord) -> bool:
     """Return whether the event reports the sensor zero."""
     return event.check is Check.ZERO
-
-
-def truth_values(truth: TruthRecord) -> dict[str, Any]:
-    """Return the ground truth of an emulated cell."""
-    return {
-        "quaternion": [round_digits(value) for value in truth.quaternion],
-        "normal": [round_digits(value) for value in truth.normal],
-        "force": [round_digits(value) for value in truth.force],
-        "faults": list(truth.faults),
-    }
 
 
 def _text(text: str) -> str:

@@ -14,6 +14,7 @@ from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.devices import CellName, name_cell, robot_in, sensor_in
+from hil_bridge.show.charts.cell import recorded_model
 from hil_bridge.show.charts.facts import approach_of, facts_of_recording, start_time
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web.run_source import RunSource
@@ -58,7 +59,9 @@ def run_source_of(recording: Recording, name: str) -> RunSource:
     ends = [at for last in recording.cycles[-1:] for at in (last.controlled_at, last.answered_at)]
     ends += [event.at for event in recording.events]
     length_s = max((at - began for at in ends if at == at), default=0.0)
-    source = RunSource(Begin(scene, recording.unix_zero_ns), 0.0, length_s, facts_of_recording(recording))
+    model = recorded_model(recording)
+    begin = Begin(scene, recording.unix_zero_ns, model)
+    source = RunSource(begin, 0.0, length_s, facts_of_recording(recording))
     source.pulse(Pulse(began, Health()), 0.0)
     for records in (recording.cycles, recording.truths, recording.sensors, recording.events, recording.steps):
         for record in records:

@@ -27,7 +27,6 @@ from hil_bridge.show.web.page_values import (
     is_zero,
     now_values,
     scene_values,
-    truth_values,
 )
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
@@ -68,7 +67,6 @@ class RunHistory:
             return deque(maxlen=most) if bounded else []
 
         self.cycles: MutableSequence[CycleRecord] = kept(HISTORY_CYCLES)
-        self.truths: MutableSequence[TruthRecord] = kept(1)
         self.sensors: MutableSequence[SensorRecord] = kept(1)
         self.events: MutableSequence[EventRecord] = kept(EVENTS)
         self.steps: MutableSequence[StepRecord] = kept(EVENTS)
@@ -88,8 +86,6 @@ class RunHistory:
                 self.cycles.append(record)
                 if self.track is None and record.phase == "track":
                     self.track = record
-            case TruthRecord():
-                self.truths.append(record)
             case SensorRecord():
                 self.sensors.append(record)
             case EventRecord():
@@ -260,7 +256,11 @@ class RunSource:
             empty,
             layers=layers(scene.robot.emulated, False),
         )
-        update = {"scene": scene_values(scene), "charts": msgspec.to_builtins(charts)}
+        update = {
+            "scene": scene_values(scene),
+            "charts": msgspec.to_builtins(charts),
+            "model": msgspec.to_builtins(self._begin.model),
+        }
         return (
             update if self._length_s is None else update | {"playback": {"begin": 0.0, "end": self._length_s}}
         )
@@ -280,10 +280,7 @@ class RunSource:
             "warning": pulse.warning,
         }
         update["check"] = update["check"] or pulse.check
-        moment: dict[str, Any] = {"now": update | dict(self.counters)}
-        if (truth := _newest(history.truths, until)) is not None:
-            moment["truth"] = truth_values(truth)
-        return moment
+        return {"now": update | dict(self.counters)}
 
     def _changes(self, cursor: Cursor, now: float) -> dict[str, Any]:
         """Return the rows, events, marks and spans that the page has not received."""
@@ -293,7 +290,7 @@ class RunSource:
             if rows := self._columns.since(cursor.rows):
                 update["rows"] = rows
             cursor.rows = self._columns.counts
-            update["approach"] = self._columns.approach
+            update["start"] = self._columns.start
         update["marks"] = msgspec.to_builtins(_last(history.marks, history.mark_count - cursor.marks))
         cursor.marks = history.mark_count
         if cursor.at is None:

@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.show.pages import chart_script, skeleton, style
+from hil_bridge.show.pages import cell_script, chart_script, skeleton, style
 from hil_bridge.show.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 
 CLIENTS = 12
@@ -42,9 +42,13 @@ BODY_BYTES = 1024
 END, PANEL = "/end", "/panel"
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
-_SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
+_SHARED: Mapping[str, Callable[[], str]] = {
+    "charts.js": chart_script,
+    "cell.js": cell_script,
+    "charts.css": style,
+}
 """Scripts and styles of `hil_bridge.show.pages`, each combined into one file."""
-_OWN = ("page.js", "page.css", "panel.js", "panel.css", "robot.js", "sketch.js", "table.js", "icon.svg")
+_OWN = ("page.js", "page.css", "panel.js", "panel.css", "robot.js", "table.js", "icon.svg")
 _STYLES: Mapping[str, Sequence[str]] = {
     "page.html": ("charts.css", "page.css", "panel.css"),
     "panel.html": ("charts.css", "page.css", "panel.css"),

@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Raw, Struct
 
 from hil_bridge.record.topics import TOPICS, Record
+from hil_bridge.show.charts.cell import CellModel
 from hil_bridge.show.terminal import Health, Scene
 
 RETRACT = b"retract"
@@ -27,6 +28,8 @@ class Begin(Struct, tag="begin", frozen=True):
     scene: Scene
     unix_zero_ns: int
     """UNIX time at which the run's clock was 0, ns."""
+    model: CellModel = CellModel()
+    """Constant part of the picture of the cell."""
 
 
 class Devices(Struct, tag="devices", frozen=True):

@@ -3,8 +3,8 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200;
-  let charts = null, sketch = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
+  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, KEEP_ROWS = 6000;
+  let charts = null, cell = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
 
   const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit ? ` ${unit}` : ""}` : "–");
   const signed = (value, digits, unit) => {   // a value that rounds to 0 has no sign
@@ -36,19 +36,18 @@
   function begin(update) {
     scene = update.scene;
     playback = update.playback || null;
-    const cell = $("cell"), word = scene.cell || "–";
-    cell.replaceChildren(word);
+    const name = $("cell"), word = scene.cell || "–";
+    name.replaceChildren(word);
     const small = document.createElement("small");
     small.textContent = scene.devices;
-    if (scene.devices) cell.append(small);
-    cell.className = scene.real ? "real" : "emulated";
+    if (scene.devices) name.append(small);
+    name.className = scene.real ? "real" : "emulated";
     document.title = `${word} · hil-bridge`;
     if (charts) charts.destroy();
     charts = HilCharts.draw($("charts"), update.charts, playback ? {} : {keep: KEEP_S, follow: FOLLOW_S});
-    sketch = sketch || HilSketch.make($("side"), $("space"), $("side-scale"));
-    sketch.rows({}, true);
+    if (cell) cell.destroy();
+    cell = HilCell.draw($("drawn"), update.model, {bar: false, keep: playback ? Infinity : KEEP_ROWS});
     $("list").replaceChildren();
-    $("key-true").hidden = !(update.charts.layers || []).some(layer => layer.id === "truth");
     const foot = $("foot");
     foot.replaceChildren(scene.record ? "Recording: " : "No recording is kept.");
     if (scene.record) { const code = document.createElement("code"); code.textContent = scene.record; foot.append(code); }
@@ -56,7 +55,7 @@
       $("slider").hidden = false;
       $("at").min = playback.begin; $("at").max = playback.end;
     } else foot.append(` · Foxglove connects to ws://${location.host}`);
-    window.hilPage = {charts, sketch, scene};   // for tests
+    window.hilPage = {charts, cell, scene};   // for tests
   }
 
   function margin(name, value, limit, unit) {
@@ -151,7 +150,7 @@
     if (!scene) return;
     const now = update.now;
     if (now) numbers(now);
-    if (update.rows) { charts.append(update.rows); sketch.rows(update.rows, false); }
+    if (update.rows) { charts.append(update.rows); cell.rows(update.rows, update.start); }
     if (update.marks) for (const mark of update.marks) charts.mark(mark);
     if (update.spans) charts.spans(update.spans);
     if (update.events) events(update.events, update.events_whole);
@@ -159,8 +158,7 @@
       bar("cause", now.cause, "Stopped:");
       bar("warning", now.warning, "Warning:");
       bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
-      const until = update.at === undefined ? null : update.at;
-      sketch.show({approach: update.approach, quaternion: now.quaternion, wrench: now.wrench, truth: update.truth, limit: scene.limits.force, until});
+      cell.show(update.at === undefined ? null : update.at);
     }
     if (update.end) ended(update.end, now && now.cause);
     if (playback && update.at !== undefined) playing.arrived(update.at);
