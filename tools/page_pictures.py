@@ -87,7 +87,7 @@ async def take_reports(page: Page, folder: Path, place: Path) -> None:
         result = hil_bridge.simulate(hil_bridge.load(settings, faults=faults, seed=7))
         written = write_report(result.recording, summarise(result.recording), folder / name)
         await page.open(written.as_uri(), *size, phone=size is PHONE)
-        await page.until("document.querySelectorAll('.uplot canvas').length > 3")
+        await page.until("document.querySelectorAll('.uplot canvas').length > 0")
         await asyncio.sleep(_DRAWN_S)
         await page.screenshot(place / f"{name}.png")
 

@@ -23,16 +23,28 @@ RECORDING, RESULTS = ".mcap", ".sqlite"
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port.  [default: one that is free]"
 )
+@click.option(
+    "--save",
+    type=FILE,
+    metavar="FILE.html",
+    help="Write the page of a recording into this file instead, which opens anywhere without a network.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace that file.")
 @bag_options
-def view(file: Path, port: int, bag: "BagChoices") -> None:
+def view(file: Path, port: int, save: Path | None, overwrite: bool, bag: "BagChoices") -> None:
     """Serve a page for FILE on this machine alone, until Ctrl-C: a recording (.mcap) with a slider for its time, or the
     results of a campaign (.sqlite), which may still be running.
 
     FILE may be a ROS 2 bag with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. Its page is that of
     `hil-bridge report`, without a slider: a bag has no phases, targets or limits. That needs the extra ros.
 
-    To watch a live run, use `hil-bridge run --web`. Needs the extra web.
+    --save writes one file with the cell in three dimensions and the charts of a recording, to send to others.
+
+    To watch a live run, use `hil-bridge run --web`. Needs the extra web, except with --save.
     """
+    if save is not None:
+        _save(file, save, overwrite)
+        return
     from hil_bridge.record.ros.bag_file import is_bag
     from hil_bridge.show.web.feed import check_extra
 
@@ -53,6 +65,21 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
         raise ConfigError(
             f"{file} is neither a recording ({RECORDING}), nor results of a campaign ({RESULTS}), nor a ROS 2 bag"
         )
+
+
+def _save(file: Path, page: Path, overwrite: bool) -> None:
+    """Write the page of a recording. Raises ConfigError."""
+    from hil_bridge.record import read
+    from hil_bridge.record.analysis.summary import summarise
+    from hil_bridge.record.files import check_place, write_atomically
+    from hil_bridge.show.report import cell_page
+
+    if file.suffix != RECORDING:
+        raise ConfigError(f"--save needs the recording of a run ({RECORDING}), got {file}")
+    check_place(page, overwrite)
+    recording = read(file)
+    write_atomically(page, cell_page(recording, summarise(recording)).encode(), overwrite)
+    click.echo(page)
 
 
 def _report_of(file: Path, bag: "BagChoices") -> "Report":

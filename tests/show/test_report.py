@@ -216,7 +216,7 @@ def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
 def test_page_escapes_all_text_and_loads_nothing(tmp_path: Path) -> None:
     recording = run()
     text = write_report(recording, summarise(recording, END), tmp_path).read_text()
-    assert text.count("<script") == text.count("</script>") == 2
+    assert text.count("<script") == text.count("</script>") == 3
     assert text.count("&lt;script&gt;") >= 8
     assert text.index("<p>then: first</p>\n<p>then: &lt;script") < text.index(
         "<p>left: <strong>left &lt;script"

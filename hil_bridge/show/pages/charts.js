@@ -4,6 +4,7 @@
      keep    drop data more than this many units of x before the end of a source
      follow  show the last this many units of x until the user zooms; a double click resumes following
      bar     whether to show the toolbar (default: true)
+     first   show only this many charts until the user asks for the others
    charts.append({cycle: {x: [1.2], force: [40.1]}})   append rows; a missing column becomes a gap
    charts.replace({cycle: {x: [...], force: [...]}})   replace the rows of these sources, for example on seeking in a recording
    charts.mark({x: 3.1, text: "stop", kind: "stop"})   adds a mark
@@ -50,7 +51,7 @@ var HilCharts = (() => {
       this.sources = {};
       this.reaches = {};        // by source and column: smallest and largest value so far
       for (const [name, source] of Object.entries(spec.sources)) this.take(name, {...source});
-      this.options = {bar: true, keep: null, follow: null, ...options};
+      this.options = {bar: true, keep: null, follow: null, first: null, ...options};
       this.key = `hil-${++drawn}`;
       this.views = {};          // by axis: range selected by the user, if any
       this.hidden = new Set();  // `chart/label` of the series switched off by the user
@@ -211,6 +212,13 @@ var HilCharts = (() => {
         label.append(box, layer.label);
         bar.append(label);
       }
+      const most = this.spec.charts.filter((spec, index) => this.shows(spec, index)).length, {first} = this.options;
+      if (first !== null && most > first) {
+        const more = element("button", "hil-more", `${most - first} more charts`);
+        more.type = "button";
+        more.addEventListener("click", () => { this.options.first = null; more.remove(); this.build(); });
+        bar.append(more);
+      }
       this.note = element("div", "hil-note", hint());
       bar.append(this.note);
       return bar;
@@ -285,7 +293,10 @@ var HilCharts = (() => {
       if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.show(true); });
     }
 
-    shown() { return this.spec.charts.filter((spec, index) => this.shows(spec, index)); }
+    shown() {
+      const all = this.spec.charts.filter((spec, index) => this.shows(spec, index));
+      return this.options.first === null || this.printing ? all : all.slice(0, this.options.first);
+    }
 
     show(renewed) {
       if (renewed && this.shown().length !== this.charts.length) { this.build(); return; }

@@ -1,5 +1,5 @@
 """Report of a run as a page, and optionally as a picture."""
 
-from hil_bridge.show.report.page import write_report
+from hil_bridge.show.report.page import cell_page, write_report
 
-__all__ = ["write_report"]
+__all__ = ["cell_page", "write_report"]

@@ -40,6 +40,12 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     return across(table(body, style, head))
 
 
+def fold(section: str) -> str:
+    """Fold a section below its heading, which the reader opens. An empty section stays empty."""
+    heading, end, rest = section.partition("</h2>")
+    return f'<details class="fold"><summary>{heading}{end}</summary>\n{rest}</details>\n' if end else section
+
+
 def across(marked: str) -> str:
     """Wrap content that is wider than a phone, so that it scrolls sideways."""
     return f'<div class="across">{marked}</div>'

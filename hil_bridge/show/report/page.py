@@ -8,19 +8,21 @@ from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
 from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.summary import Summary, end_of
-from hil_bridge.record.analysis.why import why
+from hil_bridge.record.analysis.why import why_values
 from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.ending import Outcome
 from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.run import run_charts
-from hil_bridge.show.pages import document, room
+from hil_bridge.show.pages import cell_room, document, room
 from hil_bridge.show.report.bag_page import bag_page
 from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
 from hil_bridge.show.report.latency_section import latency_section
-from hil_bridge.show.report.markup import cells, pairs, prose, rows, table
+from hil_bridge.show.report.markup import cells, fold, pairs, prose, rows, table
 from hil_bridge.show.report.sections import controller_section, stability_section
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
@@ -68,20 +70,35 @@ def page(recording: Recording, summary: Summary) -> str:
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
     phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
-    body = f"""{_head(recording, summary)}
-<div class="columns head"><section>{pairs(identity_rows(recording, summary), "facts")}</section>
-<section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section></div>
-<h2>Course</h2>
-{room("run", charts)}{thinned}
+    body = f"""{_point(recording, summary)}
+{room("run", charts, first=1)}{thinned}
+<div class="columns head"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section>
+<section>{pairs(identity_rows(recording, summary), "facts")}</section></div>
 {steps_section(recording, summary)}
+{surface_section(recording)}
 <div class="columns"><section><h2>Run</h2>{rows(run_rows(summary)[len(NAMED) :])}</section>
 <section><h2>Phases</h2>{phases}{before}</section></div>
-{surface_section(recording)}{latency_section(recording)}
-{stability_section(recording, summary)}{controller_section(recording)}
-<h2>Events</h2>{_events(recording)}
-<h2>Settings that are not the defaults</h2>{_settings(recording)}
-{_counters(summary, devices_of(recording).robot)}"""
-    return document(f"{_title(summary)}, {summary.outcome}", body)
+{fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
+{fold(f"<h2>Events</h2>{_events(recording)}")}
+{fold(f"<h2>Settings that are not the defaults</h2>{_settings(recording)}")}
+{fold(_counters(summary, devices_of(recording).robot))}"""
+    return document(f"{_title(summary)}, {summary.outcome}", body, cell=bool(recording.cycles))
+
+
+def cell_page(recording: Recording, summary: Summary) -> str:
+    """Render how the run ended, the cell in three dimensions and the charts, as one HTML file."""
+    charts, _ = run_charts(recording)
+    return document(
+        f"{_title(summary)}, {summary.outcome}",
+        f"{_point(recording, summary)}\n{room('run', charts, first=1)}",
+        cell=bool(recording.cycles),
+    )
+
+
+def _point(recording: Recording, summary: Summary) -> str:
+    """Render the beginning of a page: how the run ended, and the cell."""
+    cell = cell_room(cell_picture(recording), "run") if recording.cycles else ""
+    return f"{_head(recording, summary)}\n{cell}"
 
 
 def _title(summary: Summary) -> str:
@@ -97,11 +114,27 @@ def _head(recording: Recording, summary: Summary) -> str:
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</p>",
-        f"<p>{prose(why(recording))}</p>",
-        *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
-        f"<p>left: <strong>{prose(summary.left)}</strong></p>" if summary.left else "",
+        _reason(recording, summary),
         criteria_paragraph(summary),
         "<p>The recording ends early; this page covers the recorded part.</p>" if summary.truncated else "",
+    ]
+    return "\n".join(filter(None, parts))
+
+
+def _reason(recording: Recording, summary: Summary) -> str:
+    """Render why the run ended, in one sentence, and the details folded."""
+    reason = why_values(recording)
+    point, detail = reason.text, ""
+    if reason.fact:
+        phase = f" in {reason.phase}" if reason.phase else ""
+        point = f"{reason.outcome.capitalize()} after {reason.after_s:.1f} s{phase}: {reason.fact}."
+        detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
+    left = "" if summary.outcome == Outcome.COMPLETED else summary.left
+    parts = [
+        f'<p class="point">{prose(point)}</p>',
+        *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
+        f"<p>left: <strong>{prose(left)}</strong></p>" if left else "",
+        detail,
     ]
     return "\n".join(filter(None, parts))
 

@@ -84,9 +84,9 @@ def _lines(steps: Sequence[ListedStep]) -> list[_Line]:
         goal = step.leg.step.goal_mm
         if goal is not None:
             places = (*places, goal)
-        elif step.leg.way is not None:
+        elif (path := step.leg.way) is not None:
             x, y = begin or (0.0, 0.0)
-            places = tuple((x + u * 1e3, y + v * 1e3) for u, v in step.leg.way.points)
+            places = tuple((x + u * 1e3, y + v * 1e3) for u, v in path.points)
         elif sketch := step.leg.step.sketch_mm:
             x, y = begin or (0.0, 0.0)
             places = (*places, *((x + u, y + v) for u, v in sketch))
