@@ -161,13 +161,17 @@ def image(pixels: NDArray[np.uint8], place: tuple[float, float, float, float]) -
 def scale_bar(
     place: tuple[float, float, float], stops: Sequence[tuple[int, int, int]], ends: Range, unit: str
 ) -> str:
-    """Draw the colour bar, with left, top and height in px."""
+    """Draw the colour bar, with left, top and height in px. The unit is at its upper end."""
     left, top, height = place
     colours = scale_colours(np.linspace(1.0, 0.0, 64)[:, None], stops)
     low, high = ends
-    labels = [(high, top + 9), ((low + high) / 2, top + height / 2 + 4), (low, top + height)]
+    labels = [
+        (f"{number(high, 3)} {unit}", top + 9),
+        (number((low + high) / 2, 3), top + height / 2 + 4),
+        (number(low, 3), top + height),
+    ]
     return image(colours, (left, top, 14, height)) + "".join(
-        text((left + 20, y), f"{number(value)} {unit}") for value, y in labels
+        text((left + 20, y), label) for label, y in labels
     )
 
 
@@ -182,6 +186,6 @@ def round_numbers(low: float, high: float, room_px: float) -> list[float]:
     return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
 
 
-def number(value: float) -> str:
+def number(value: float, digits: int = 4) -> str:
     """Format a number with as few characters as possible."""
-    return f"{value:.4g}".replace("-", "−")
+    return f"{value:.{digits}g}".replace("-", "−")
