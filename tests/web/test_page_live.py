@@ -122,6 +122,8 @@ async def test_browser_shows_run_cut_and_alarm(
             assert output == pytest.approx(y_range(chart, low, high))
             assert (output[1] > 15.0, output[0] < -10.0) == (high > 7.5, low < -5.0)
         await page.until(f"{text('phase')} === 'track'")
+        await page.until("hilPage.cell.frames > 0 && hilPage.cell.placed && hilPage.cell.path")
+        assert await page.value("hilPage.cell.model.piece.heights.length") > 3
         # the limit is a red line in the canvas: a row in which at least every second pixel is red
         red = """(() => { const u = hilPage.charts.charts[0].plot, y = Math.round(u.valToPos(15, 'y', true));
           const {left, width} = u.bbox, row = u.ctx.getImageData(left, y - 1, width, 3).data; let count = 0;

@@ -83,6 +83,7 @@ def test_page_updates_match_recording(stopped: tuple[Scene, Recording]) -> None:
         "alarm",
     ]
     assert "N, N·m" in update["now"]["zero"]
+    assert update["start"] == pytest.approx(newest.start)
 
 
 def test_late_page_receives_complete_state(stopped: tuple[Scene, Recording]) -> None:
@@ -91,6 +92,7 @@ def test_late_page_receives_complete_state(stopped: tuple[Scene, Recording]) -> 
     for record in in_order(recording):
         source.take(record)
     update = source.update_for(Cursor(), 0.0)
+    assert update["model"]["arm"] is None  # the facts of this run contain no geometry
     limits = {chart["id"]: chart.get("limits", ()) for chart in update["charts"]["charts"]}
     assert [limit["value"] for limit in limits["force"]] == [
         scene.limits.force_limit_n,
