@@ -6,8 +6,8 @@ PC, and the data; or `--` and the event as the link interprets it, such as `ACK 
 
 The data are hexadecimal bytes, with a space between datagrams, or CAN frames: `601#0100FEFF03000700`, eight digits
 before the sign for an extended identifier, `123#R2` for a remote frame that requests two bytes, `004!00` for a bus
-error reported by the interface. Frames and datagrams that were handed over together have one piece for each arrival time, so the
-seconds of successive pieces may decrease, even below 0.
+error reported by the interface. Frames and datagrams that were handed over together have one piece for each arrival
+time, so the seconds of successive pieces may decrease, even below 0.
 """
 
 from collections.abc import Callable

@@ -19,7 +19,7 @@ from tools.bench.figures import Figure, Report, Target
 
 TRACK_S = 20.0
 BOARD_TRACK_S = 10.0
-REPEATS, WHOLE_REPEATS = 5, 3
+REPEATS, COMPLETE_REPEATS = 5, 3
 MANY = (1, 2, 4, 8, 16, 32, 64)
 MANY_TRACK_S = 1.0
 """Tracking time of each of 127 runs, s. It is short because there are so many runs."""
@@ -35,7 +35,7 @@ STREAMS = (
 """Streaming robots, each with a sensor and its target relative to the default cell. Chosen."""
 STREAM_TRACK_S = 3.0
 SHORT_S, LONG_S = 3.0, 13.0
-"""Tracking times of whole runs, s. The cost of tracking is the difference. Chosen."""
+"""Tracking times of complete runs, s. The cost of tracking is the difference. Chosen."""
 AGAINST = "real time"
 
 
@@ -91,8 +91,8 @@ def processor_time(*arguments: str) -> float:
     return after.children_user + after.children_system - before.children_user - before.children_system
 
 
-def whole_run_speeds() -> tuple[list[float], float]:
-    """Return the speeds of all streaming robots and of the default cell by whole runs without a recording, in which
+def complete_run_speeds() -> tuple[list[float], float]:
+    """Return the speeds of all streaming robots and of the default cell by complete runs without a recording, in which
     each packet has a decision. The best of several rounds counts.
     """
     cells = [["--robot", robot, "--sensor", sensor] for _, robot, sensor, _ in STREAMS]
@@ -103,7 +103,7 @@ def whole_run_speeds() -> tuple[list[float], float]:
         )
         return (LONG_S - SHORT_S) / (long - short)
 
-    rounds = [[*map(tracking_speed, cells), tracking_speed([])] for _ in range(WHOLE_REPEATS)]
+    rounds = [[*map(tracking_speed, cells), tracking_speed([])] for _ in range(COMPLETE_REPEATS)]
     *streams, default_best = map(max, zip(*rounds, strict=True))
     return streams, default_best
 
@@ -147,8 +147,8 @@ def measure(report_step: Callable[[str], None]) -> Report:
     board = speed(board_config, BOARD)
     report_step("robots that stream")
     streams, default_speed = stream_speeds(default_config)
-    report_step("whole runs of robots that stream")
-    whole, default_whole = whole_run_speeds()
+    report_step("complete runs of robots that stream")
+    complete, default_complete = complete_run_speeds()
     report_step("the command")
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         wall, used = command(Path(name))
@@ -163,8 +163,8 @@ def measure(report_step: Callable[[str], None]) -> Report:
             for (name, _, _, target), value in zip(STREAMS, streams, strict=True)
         ),
         *(
-            Figure(f"{name}, by whole runs", value, unit, default_whole, "default cell")
-            for (name, *_), value in zip(STREAMS, whole, strict=True)
+            Figure(f"{name}, by complete runs", value, unit, default_complete, "default cell")
+            for (name, *_), value in zip(STREAMS, complete, strict=True)
         ),
         Figure(
             f"run --virtual --duration {COMMAND_TRACK_S:.0f}, recorded, by the wall", wall, unit, 1.0, AGAINST
