@@ -219,10 +219,10 @@ class NetBox:
     # --- samples
 
     def _send_due(self, now: float, most: int = INTERNAL_RATE_HZ) -> None:
-        newest = self._measured.number_at(now - self.profile.latency_s)
+        newest, step = self._measured.number_at(now - self.profile.latency_s), self.step
         while (stream := self._stream) is not None and stream.next <= newest and most:
             due = stream.next / self._family.rate_hz + self.profile.latency_s
-            self._sample(stream, min(due, now))
+            self._sample(stream, min(due, now), step)
             most -= 1
 
     @property
@@ -281,9 +281,9 @@ class NetBox:
         fx, fy, fz, mx, my, mz = (unit / rating for unit, rating in zip(units, ratings, strict=True))
         return max(math.hypot(fx, fy) + mz, fz + math.hypot(mx, my)) > _LOAD_MAX
 
-    def _sample(self, stream: _Stream, now: float) -> None:
-        """Measure the next sample and report it."""
-        number, state, step = stream.next, self.filter.output, self.step
+    def _sample(self, stream: _Stream, now: float, step: int) -> None:
+        """Measure the next sample and report it. Records are `step` samples apart."""
+        number, state = stream.next, self.filter.output
         ft = (number - self._first) // self._every % WRAP
         if not self._faults.any:  # the usual case
             state = self.filter.read(number, step)

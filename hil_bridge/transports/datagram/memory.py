@@ -9,7 +9,7 @@ which it left, `received_at`; it then arrives with the time at which it would ha
 
 import itertools
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -148,12 +148,18 @@ class MemoryDatagrams:
     def send(self, data: Datagrams) -> None:
         self._delivery.check()
         check_sizes(self.name, data)
-        now, peer, leaving = self._clock.now(), self._peer, self._leaving
-        for side, together in groupby(data, side_of):
-            target, timed = peer.target(side), [(arrived_at(one, now), one) for one in together]
-            accepted = 0 if target is None else leaving.put(partial(self._reach, target), timed)
-            self._counts["sent"] += accepted
-            self._counts["dropped"] += len(timed) - accepted
+        if len(data) == 1:
+            self._send_to(side_of(data[0]), data)
+        else:
+            for side, together in groupby(data, side_of):
+                self._send_to(side, together)
+
+    def _send_to(self, side: Hashable, data: Iterable[bytes]) -> None:
+        now, target = self._clock.now(), self._peer.target(side)
+        timed = [(arrived_at(one, now), one) for one in data]
+        accepted = 0 if target is None else self._leaving.put(partial(self._reach, target), timed)
+        self._counts["sent"] += accepted
+        self._counts["dropped"] += len(timed) - accepted
 
     def take_in(self) -> None:
         """Do nothing, because there is no receive buffer of the operating system."""
