@@ -49,8 +49,8 @@ _SHIFTS = np.zeros((7, 2, 3))
 _SHIFTS[1:4, 0] = _POSITION_STEP_M * np.eye(3)
 _SHIFTS[4:7, 1] = _VELOCITY_STEP_M_S * np.eye(3)
 _KEPT = 24_000
-"""Number of grid points that are kept. Chosen: more than the ten seconds of an arm's path on the finest grid use at
-once.
+"""Number of grid points that are kept at least. Chosen: more than the ten seconds of an arm's path on the finest grid
+use at once.
 """
 _NEAR_M, _NEAR_RAD = 2e-3, 0.01
 """Displacement and rotation of the tool after which the compliance is computed again, m and rad. Chosen."""
@@ -134,9 +134,9 @@ class CompliantPath:
         self._bearing: Bearing | None = None
         self._borne_at: tuple[Floats, Quaternion] = np.full(3, math.inf), (1.0, 0.0, 0.0, 0.0)
         """Position, m, and orientation of the rigid arm for which the bearing was computed."""
-        self._rows = np.zeros((_KEPT, 12))
-        """Of each grid point: deflection, deflection velocity, contact force, and mean velocity of the rigid arm since
-        the point before. The deflection velocity is relative to that velocity.
+        self._rows = np.zeros((2 * _KEPT, 15))
+        """Of each grid point from `_oldest` on: deflection, deflection velocity, contact force, mean velocity of the
+        rigid arm since the point before, and its position. The deflection velocity is relative to that mean velocity.
         """
         self._linear: Floats | None = None
         """Matrix for the contact that was linearised last, which maps the error of its force to the correction."""
@@ -189,18 +189,21 @@ class CompliantPath:
 
         `times` (n,) are in ascending order, s. For a surface without memory.
         """
-        self._extend(float(times[0]), float(times[-1]))
-        at = (times - self._origin) / self._step
-        points = self._points_before(at)
-        share = np.maximum(at - points, 0.0)
-        here = self._rows[points % _KEPT, 6:9]
-        there = self._rows[np.minimum(points + 1, self._newest) % _KEPT, 6:9]
-        forces: Floats = here + share[:, None] * (there - here)
-        if at[-1] > self._newest + _ON_GRID:
-            ahead = int(np.searchsorted(at, self._newest + _ON_GRID))
+        begin, end = float(times[0]), float(times[-1])
+        self._extend(begin, end)
+        oldest, newest = self._oldest, self._newest
+        first = min(max(self._point_before(begin), oldest), newest)
+        last = min(max(self._point_before(end) + 1, oldest), newest)
+        points = np.arange(first, last + 1, dtype=np.float64)
+        at, known = (times - self._origin) / self._step, self._rows[first - oldest : last + 1 - oldest]
+        forces = np.empty((3, len(times)))
+        for axis in range(3):
+            forces[axis] = np.interp(at, points, known[:, 6 + axis])
+        if at[-1] > newest + _ON_GRID:
+            ahead = int(np.searchsorted(at, newest + _ON_GRID))
             late = times[ahead:]
-            forces[ahead:] = self._contact.force(late, *self.trajectory(late))
-        return forces
+            forces[:, ahead:] = self._contact.force(late, *self.trajectory(late)).T
+        return forces.T
 
     def rotations(self, times: Floats) -> Floats:
         """Return the rotation of the tool due to contact and weight (n, 3), rad, base frame.
@@ -212,7 +215,7 @@ class CompliantPath:
         assert bearing is not None, "the path has begun"
         at = (times - self._origin) / self._step
         points = self._points_before(np.round(at))
-        rotations: Floats = self._rows[points % _KEPT, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
+        rotations: Floats = self._rows[points - self._oldest, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
         return rotations
 
     def rewind(self, time: float) -> None:
@@ -234,20 +237,20 @@ class CompliantPath:
         at = (times - self._origin) / step
         points = self._points_before(at)
         since = np.maximum((at - points) * step, 0.0)
-        here, there = rows[points % _KEPT], rows[np.minimum(points + 1, self._newest) % _KEPT]
-        s, rigid = (since / step)[:, None], there[:, 9:].copy()
-        after_jump = here[:, 3:6] + here[:, 9:] - rigid
+        here, there = rows[points - self._oldest], rows[np.minimum(points + 1, self._newest) - self._oldest]
+        s, rigid = (since / step)[:, None], there[:, 9:12].copy()
+        after_jump = here[:, 3:6] + here[:, 9:12] - rigid
         a, b, va, vb = here[:, :3], there[:, :3], after_jump * step, there[:, 3:6] * step
         bend, twist = 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb
         offset = a + s * (va + s * (bend + s * twist))
         drift = (va + s * (2.0 * bend + 3.0 * s * twist)) / step
         ahead = np.flatnonzero(points >= self._newest)
         if len(ahead):
-            newest, duration, bearing = rows[self._newest % _KEPT], since[ahead], self._bearing
+            newest, duration, bearing = self._newest_row, since[ahead], self._bearing
             assert bearing is not None, "the path has begun"
             pull = self._mode.stiffness * (bearing.compliance[:3, :3] @ newest[6:9] + bearing.sag[:3])
             rigid[ahead] = velocities[ahead]
-            after_jump = newest[3:6] + newest[9:] - rigid[ahead]
+            after_jump = newest[3:6] + newest[9:12] - rigid[ahead]
             matrix, held = self._mode.transition(duration)
             for row, out in ((0, offset), (1, drift)):
                 out[ahead] = (
@@ -256,6 +259,11 @@ class CompliantPath:
                     + np.outer(held[row], pull)
                 )
         return offset, rigid + drift
+
+    @property
+    def _newest_row(self) -> Floats:
+        """Row (15,) of the newest grid point."""
+        return self._rows[self._newest - self._oldest]
 
     def _point_before(self, time: float) -> int:
         """Return the number of the newest grid point that is not after a time, s."""
@@ -282,10 +290,11 @@ class CompliantPath:
         while self._newest < last:
             point, points = self._newest, min(POINTS, last - self._newest)
             times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
-            positions, _ = self._path.trajectory(self._before(times))
+            before = self._before(times)
+            positions, _ = self._path.trajectory(before[1:])
             if self._newest == point:  # an arm that senses its contact may have rewound the path
                 self._is_solving = True
-                self._solve(times, positions)
+                self._solve(times, np.concatenate((self._newest_row[None, 12:], positions)))
                 self._is_solving = False
 
     def _start(self, point: int) -> None:
@@ -301,7 +310,7 @@ class CompliantPath:
             offset += np.linalg.solve(np.eye(3) - compliance @ by_position[0], error)
         force = self._contact.force(time, positions + offset, still)
         self._oldest = self._newest = point
-        self._rows[point % _KEPT] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0]]
+        self._rows[0] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0], *positions[0]]
         self._begun = True
 
     def _borne(self, times: Floats, positions: Floats) -> tuple[Bearing, int]:
@@ -310,33 +319,54 @@ class CompliantPath:
         The second result is the number of samples up to the first, or up to the next for which the bearing must be
         computed again, including this one. The compliance thus changes at the same points, whatever the blocks are.
         """
-        far = self._is_far(times, positions)
-        if self._bearing is None or far[0]:
+        far = self._first_far(times, positions)
+        if self._bearing is None or far == 0:
             time = self._before(times[:1])
             self._bearing = self._bearing_at(float(time[0]))
             self._borne_at = positions[0], self._path.orientations(time)[0][1]
             self._linear = self._plane = None
-            far = self._is_far(times, positions)
-        later = far[1:]
-        return self._bearing, int(np.argmax(later)) + 2 if later.any() else len(times)
+            far = self._first_far(times, positions)
+        return self._bearing, min(far + 1, len(times))
 
-    def _is_far(self, times: Floats, positions: Floats) -> NDArray[np.bool_]:
-        """Return for which of these times the bearing must be computed again."""
+    def _first_far(self, times: Floats, positions: Floats) -> int:
+        """Return the index of the first time for which the bearing must be computed again, or the number of times."""
         place, quaternion = self._borne_at
-        far: NDArray[np.bool_] = np.abs(positions - place).max(axis=1) > _NEAR_M
+        distances = np.abs(positions - place)
+        first = len(times)
+        if distances.max() > _NEAR_M:
+            first = int(np.argmax(distances.max(axis=1) > _NEAR_M))
         for part, turned in self._path.orientations(self._before(times)):
             if turned != quaternion and angle_between(turned, quaternion) > _NEAR_RAD:
-                far[part] = True
-        return far
+                return min(first, part.start)
+        return first
 
     def _solve(self, times: Floats, positions: Floats) -> None:
         """Compute the points at times[1:], or at least the first of them."""
-        start = self._rows[self._newest % _KEPT]
         bearing, end = self._borne(times, positions)
-        times, positions = times[:end], positions[:end]
+        times, positions, start = times[:end], positions[:end], self._newest_row
+        if (law := self._contact.plane()) is not None:
+            self._store(positions[1:], self._contact_with(law, bearing).motion(start[:12], positions))
+            return
+        block = self._free_motion(times, positions, bearing)
+        if not start[6:9].any():
+            force = self._contact.force(
+                block.times, block.positions + block.base[0], block.velocities + block.base[1]
+            )
+            if not force.any():
+                self._note(block, block.base, force)
+                return
+        elif self._solve_as_linear(block.first(min(end - 1, _SOME_POINTS)), start[6:9]):
+            return
+        points = min(end - 1, _FEW_POINTS)
+        while not self._solved(block.first(points), start[6:9], points == 1):
+            points = (points + 1) // 2
+
+    def _free_motion(self, times: Floats, positions: Floats, bearing: Bearing) -> Block:
+        """Return the block of the points at times[1:], without contact at these points."""
+        start = self._newest_row
         velocities = (positions[1:] - positions[:-1]) / self._step
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
-        points, grid = end - 1, self._responses
+        points, grid = len(velocities), self._responses
         matrix = self._without_contact.get(points)
         if matrix is None:
             matrix = grid.without_contact(points)
@@ -346,44 +376,18 @@ class CompliantPath:
         known[:2] = start[:6].reshape(2, 3)
         known[2] = compliance @ start[6:9]
         known[3] = self._mode.stiffness * bearing.sag[:3]
-        known[4] = velocities[0] - start[9:]
+        known[4] = velocities[0] - start[9:12]
         known[5:] = velocities[1:] - velocities[:-1]
-        base = matrix @ known
-        block = Block(
-            base,
-            grid.forced[:, :points, 1 : points + 1],
-            compliance,
-            times[1:],
-            positions[1:],
-            velocities,
-        )
-        if (law := self._contact.plane()) is not None:
-            self._solve_on_plane(block, law, is_free=not start[6:9].any())
-            return
-        if not start[6:9].any():
-            force = self._contact.force(block.times, block.positions + base[0], block.velocities + base[1])
-            if not force.any():
-                self._note(block, base, force)
-                return
-        elif self._solve_as_linear(block.first(min(points, _SOME_POINTS)), start[6:9]):
-            return
-        points = min(points, _FEW_POINTS)
-        while not self._solved(block.first(points), start[6:9], points == 1):
-            points = (points + 1) // 2
+        forced = grid.forced[:, :points, 1 : points + 1]
+        return Block(matrix @ known, forced, compliance, times[1:], positions[1:], velocities)
 
-    def _solve_on_plane(self, block: Block, law: PlaneLaw, is_free: bool) -> None:
-        """Solve a block for a tool that may touch a plane.
-
-        `is_free` states that it does not touch it at the last solved point.
-        """
+    def _contact_with(self, law: PlaneLaw, bearing: Bearing) -> PlaneContact:
+        """Return the contact of the tool with a plane on this bearing."""
         if self._plane is None or law is not self._law:
-            self._plane, self._law = PlaneContact(law, self._responses, block.compliance), law
-        positions = block.positions + block.base[0]
-        if is_free and self._plane.is_free(positions):
-            self._note(block, block.base, np.zeros_like(positions))
-            return
-        forces = self._plane.forces(positions, block.velocities + block.base[1])
-        self._note(block, block.response(forces), forces)
+            compliance = self._mode.stiffness * bearing.compliance[:3, :3]
+            self._plane = PlaneContact(law, self._responses, compliance, bearing.sag[:3])
+            self._law = law
+        return self._plane
 
     def _solve_as_linear(self, block: Block, force: Floats) -> bool:
         """Solve a block whose contact stays nearly linear; return whether the iteration converges.
@@ -476,9 +480,17 @@ class CompliantPath:
 
     def _note(self, block: Block, moved: Floats, force: Floats) -> None:
         """Store the points of a block: deflections and velocities (2, n, 3), forces (n, 3)."""
-        count = len(force)
-        rows = (self._newest + 1 + np.arange(count)) % _KEPT
-        self._rows[rows] = np.concatenate((moved[0], moved[1], force, block.velocities), axis=1)
+        motion = np.concatenate((moved[0], moved[1], force, block.velocities), axis=1)
+        self._store(block.positions, motion)
+
+    def _store(self, positions: Floats, motion: Floats) -> None:
+        """Store the next points: positions of the rigid arm (n, 3), and the other columns of the rows (n, 12)."""
+        count = len(motion)
+        begin = self._newest + 1 - self._oldest
+        if begin + count > len(self._rows):  # keep the newer half
+            self._rows[:_KEPT] = self._rows[begin - _KEPT : begin]
+            self._oldest, begin = self._newest + 1 - _KEPT, _KEPT
+        self._rows[begin : begin + count, :12] = motion
+        self._rows[begin : begin + count, 12:] = positions
         self._newest += count
-        self._oldest = max(self._oldest, self._newest - _KEPT + 1)
         self._contact.keep()
