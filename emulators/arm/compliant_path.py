@@ -274,6 +274,10 @@ class CompliantPath:
         points: NDArray[np.int_] = (steps + _ON_GRID).astype(int)
         return np.minimum(np.maximum(points, self._oldest), self._newest)
 
+    def _times(self, first: int, count: int) -> Floats:
+        """Return the times (count,) of the grid points from number `first` on, s."""
+        return self._origin + np.arange(first, first + count, dtype=np.float64) * self._step
+
     def _before(self, times: Floats) -> Floats:
         """Return the times at which the path of the arm is read for grid points, s."""
         before: Floats = np.maximum(times - _BEFORE_S, self._origin)
@@ -289,9 +293,8 @@ class CompliantPath:
             self._start(max(min(self._point_before(begin), last - gap), 0))
         while self._newest < last:
             point, points = self._newest, min(POINTS, last - self._newest)
-            times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
-            before = self._before(times)
-            positions, _ = self._path.trajectory(before[1:])
+            times = self._before(self._times(point, points + 1))
+            positions, _ = self._path.trajectory(times[1:])
             if self._newest == point:  # an arm that senses its contact may have rewound the path
                 self._is_solving = True
                 self._solve(times, np.concatenate((self._newest_row[None, 12:], positions)))
@@ -299,9 +302,10 @@ class CompliantPath:
 
     def _start(self, point: int) -> None:
         """Start in equilibrium at a grid point."""
-        time = np.array([self._origin + point * self._step])
-        positions, velocities = self._path.trajectory(self._before(time))
-        bearing, _ = self._borne(time, positions)
+        time = self._times(point, 1)
+        before = self._before(time)
+        positions, velocities = self._path.trajectory(before)
+        bearing, _ = self._borne(before, positions)
         compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
         offset = bearing.sag[:3].copy()
         for _ in range(_ITERATIONS):
@@ -314,16 +318,15 @@ class CompliantPath:
         self._begun = True
 
     def _borne(self, times: Floats, positions: Floats) -> tuple[Bearing, int]:
-        """Return compliance and sag near the first of these positions of the rigid arm, m, and times, s.
+        """Return compliance and sag near the first of these positions (n, 3) of the rigid arm, m, at times (n,), s.
 
         The second result is the number of samples up to the first, or up to the next for which the bearing must be
         computed again, including this one. The compliance thus changes at the same points, whatever the blocks are.
         """
         far = self._first_far(times, positions)
         if self._bearing is None or far == 0:
-            time = self._before(times[:1])
-            self._bearing = self._bearing_at(float(time[0]))
-            self._borne_at = positions[0], self._path.orientations(time)[0][1]
+            self._bearing = self._bearing_at(float(times[0]))
+            self._borne_at = positions[0], self._path.orientations(times[:1])[0][1]
             self._linear = self._plane = None
             far = self._first_far(times, positions)
         return self._bearing, min(far + 1, len(times))
@@ -335,19 +338,22 @@ class CompliantPath:
         first = len(times)
         if distances.max() > _NEAR_M:
             first = int(np.argmax(distances.max(axis=1) > _NEAR_M))
-        for part, turned in self._path.orientations(self._before(times)):
+        for part, turned in self._path.orientations(times):
             if turned != quaternion and angle_between(turned, quaternion) > _NEAR_RAD:
                 return min(first, part.start)
         return first
 
     def _solve(self, times: Floats, positions: Floats) -> None:
-        """Compute the points at times[1:], or at least the first of them."""
+        """Compute the next points, or at least the first of them.
+
+        `positions` (n, 3) are those of the rigid arm, read at `times` (n,), s, at the newest point and the next points.
+        """
         bearing, end = self._borne(times, positions)
-        times, positions, start = times[:end], positions[:end], self._newest_row
+        positions, start = positions[:end], self._newest_row
         if (law := self._contact.plane()) is not None:
             self._store(positions[1:], self._contact_with(law, bearing).motion(start[:12], positions))
             return
-        block = self._free_motion(times, positions, bearing)
+        block = self._free_motion(positions, bearing)
         if not start[6:9].any():
             force = self._contact.force(
                 block.times, block.positions + block.base[0], block.velocities + block.base[1]
@@ -361,8 +367,11 @@ class CompliantPath:
         while not self._solved(block.first(points), start[6:9], points == 1):
             points = (points + 1) // 2
 
-    def _free_motion(self, times: Floats, positions: Floats, bearing: Bearing) -> Block:
-        """Return the block of the points at times[1:], without contact at these points."""
+    def _free_motion(self, positions: Floats, bearing: Bearing) -> Block:
+        """Return the block of the points after the newest point, without contact at these points.
+
+        `positions` (n + 1, 3) are those of the rigid arm, m, at the newest point and at these points.
+        """
         start = self._newest_row
         velocities = (positions[1:] - positions[:-1]) / self._step
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
@@ -379,7 +388,8 @@ class CompliantPath:
         known[4] = velocities[0] - start[9:12]
         known[5:] = velocities[1:] - velocities[:-1]
         forced = grid.forced[:, :points, 1 : points + 1]
-        return Block(matrix @ known, forced, compliance, times[1:], positions[1:], velocities)
+        times = self._times(self._newest + 1, points)
+        return Block(matrix @ known, forced, compliance, times, positions[1:], velocities)
 
     def _contact_with(self, law: PlaneLaw, bearing: Bearing) -> PlaneContact:
         """Return the contact of the tool with a plane on this bearing."""
