@@ -131,8 +131,8 @@ class CompliantPath:
         self.on_change: Callable[[float], object] = _unread
         """Callback for the time from which the path differs from the path that could be read before, s."""
         path.on_change = self._on_path_change
-        self._bearing: Bearing | None = None
-        self._borne_at: tuple[Floats, Quaternion] = np.full(3, math.inf), (1.0, 0.0, 0.0, 0.0)
+        self._bearing = Bearing(np.zeros((6, 6)), np.zeros(6))
+        self._borne_at: tuple[Floats, Quaternion] = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
         """Position, m, and orientation of the rigid arm for which the bearing was computed."""
         self._rows = np.zeros((2 * _KEPT, 15))
         """Of each grid point from `_oldest` on: deflection, deflection velocity, contact force, mean velocity of the
@@ -212,7 +212,6 @@ class CompliantPath:
         """
         self._extend(float(times[0]), float(times[-1]))
         bearing = self._bearing
-        assert bearing is not None, "the path has begun"
         at = (times - self._origin) / self._step
         points = self._points_before(np.round(at))
         rotations: Floats = self._rows[points - self._oldest, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
@@ -247,7 +246,6 @@ class CompliantPath:
         ahead = np.flatnonzero(points >= self._newest)
         if len(ahead):
             newest, duration, bearing = self._newest_row, since[ahead], self._bearing
-            assert bearing is not None, "the path has begun"
             pull = self._mode.stiffness * (bearing.compliance[:3, :3] @ newest[6:9] + bearing.sag[:3])
             rigid[ahead] = velocities[ahead]
             after_jump = newest[3:6] + newest[9:12] - rigid[ahead]
@@ -278,11 +276,6 @@ class CompliantPath:
         """Return the times (count,) of the grid points from number `first` on, s."""
         return self._origin + np.arange(first, first + count, dtype=np.float64) * self._step
 
-    def _before(self, times: Floats) -> Floats:
-        """Return the times at which the path of the arm is read for grid points, s."""
-        before: Floats = np.maximum(times - _BEFORE_S, self._origin)
-        return before
-
     def _extend(self, begin: float, end: float) -> None:
         """Compute every grid point up to `end`, s, unless the contact reads the path while a point is computed."""
         if self._is_solving:
@@ -293,46 +286,45 @@ class CompliantPath:
             self._start(max(min(self._point_before(begin), last - gap), 0))
         while self._newest < last:
             point, points = self._newest, min(POINTS, last - self._newest)
-            times = self._before(self._times(point, points + 1))
-            positions, _ = self._path.trajectory(times[1:])
+            times = self._times(point + 1, points) - _BEFORE_S
+            positions, _ = self._path.trajectory(times)
             if self._newest == point:  # an arm that senses its contact may have rewound the path
                 self._is_solving = True
-                self._solve(times, np.concatenate((self._newest_row[None, 12:], positions)))
+                far = self._first_far(times, positions)
+                self._solve(positions[: far + 1])
+                if self._newest == point + far + 1:
+                    self._bear(times[far : far + 1], positions[far])
                 self._is_solving = False
 
     def _start(self, point: int) -> None:
         """Start in equilibrium at a grid point."""
         time = self._times(point, 1)
-        before = self._before(time)
+        before = np.maximum(time - _BEFORE_S, self._origin)
         positions, velocities = self._path.trajectory(before)
-        bearing, _ = self._borne(before, positions)
-        compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
-        offset = bearing.sag[:3].copy()
+        self._bear(before, positions[0])
+        compliance, sag, still = self._bearing.compliance[:3, :3], self._bearing.sag[:3], np.zeros((1, 3))
+        offset = sag.copy()
         for _ in range(_ITERATIONS):
             force, (by_position, _) = self._linearise(time, positions + offset, still)
-            error = compliance @ force[0] + bearing.sag[:3] - offset
+            error = compliance @ force[0] + sag - offset
             offset += np.linalg.solve(np.eye(3) - compliance @ by_position[0], error)
         force = self._contact.force(time, positions + offset, still)
         self._oldest = self._newest = point
         self._rows[0] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0], *positions[0]]
         self._begun = True
 
-    def _borne(self, times: Floats, positions: Floats) -> tuple[Bearing, int]:
-        """Return compliance and sag near the first of these positions (n, 3) of the rigid arm, m, at times (n,), s.
-
-        The second result is the number of samples up to the first, or up to the next for which the bearing must be
-        computed again, including this one. The compliance thus changes at the same points, whatever the blocks are.
-        """
-        far = self._first_far(times, positions)
-        if self._bearing is None or far == 0:
-            self._bearing = self._bearing_at(float(times[0]))
-            self._borne_at = positions[0], self._path.orientations(times[:1])[0][1]
-            self._linear = self._plane = None
-            far = self._first_far(times, positions)
-        return self._bearing, min(far + 1, len(times))
+    def _bear(self, time: Floats, position: Floats) -> None:
+        """Compute the bearing for the rigid arm at a time (1,), s, when it is at this position (3,), m."""
+        self._bearing = self._bearing_at(float(time[0]))
+        self._borne_at = position, self._path.orientations(time)[0][1]
+        self._linear = self._plane = None
 
     def _first_far(self, times: Floats, positions: Floats) -> int:
-        """Return the index of the first time for which the bearing must be computed again, or the number of times."""
+        """Return the index of the first of these points at which the bearing must be computed again.
+
+        Without such a point, it is their number. `positions` (n, 3) are those of the rigid arm at `times` (n,), s. A
+        block ends at such a point, so the compliance changes at the same points, whatever the blocks are.
+        """
         place, quaternion = self._borne_at
         distances = np.abs(positions - place)
         first = len(times)
@@ -343,17 +335,13 @@ class CompliantPath:
                 return min(first, part.start)
         return first
 
-    def _solve(self, times: Floats, positions: Floats) -> None:
-        """Compute the next points, or at least the first of them.
-
-        `positions` (n, 3) are those of the rigid arm, read at `times` (n,), s, at the newest point and the next points.
-        """
-        bearing, end = self._borne(times, positions)
-        positions, start = positions[:end], self._newest_row
+    def _solve(self, positions: Floats) -> None:
+        """Compute the next points, or at least the first of them, for these positions (n, 3) of the rigid arm, m."""
+        start = self._newest_row
         if (law := self._contact.plane()) is not None:
-            self._store(positions[1:], self._contact_with(law, bearing).motion(start[:12], positions))
+            self._store(positions, self._contact_with(law).motion(start, positions))
             return
-        block = self._free_motion(positions, bearing)
+        block = self._free_motion(start, positions)
         if not start[6:9].any():
             force = self._contact.force(
                 block.times, block.positions + block.base[0], block.velocities + block.base[1]
@@ -361,20 +349,20 @@ class CompliantPath:
             if not force.any():
                 self._note(block, block.base, force)
                 return
-        elif self._solve_as_linear(block.first(min(end - 1, _SOME_POINTS)), start[6:9]):
+        elif self._solve_as_linear(block.first(min(len(positions), _SOME_POINTS)), start[6:9]):
             return
-        points = min(end - 1, _FEW_POINTS)
+        points = min(len(positions), _FEW_POINTS)
         while not self._solved(block.first(points), start[6:9], points == 1):
             points = (points + 1) // 2
 
-    def _free_motion(self, positions: Floats, bearing: Bearing) -> Block:
-        """Return the block of the points after the newest point, without contact at these points.
+    def _free_motion(self, start: Floats, positions: Floats) -> Block:
+        """Return the block of the next points, without contact at these points.
 
-        `positions` (n + 1, 3) are those of the rigid arm, m, at the newest point and at these points.
+        `start` (15,) is the row of the newest point, and `positions` (n, 3) are those of the rigid arm.
         """
-        start = self._newest_row
-        velocities = (positions[1:] - positions[:-1]) / self._step
-        compliance = self._mode.stiffness * bearing.compliance[:3, :3]
+        places = np.concatenate((start[None, 12:], positions))
+        velocities = (places[1:] - places[:-1]) / self._step
+        compliance = self._mode.stiffness * self._bearing.compliance[:3, :3]
         points, grid = len(velocities), self._responses
         matrix = self._without_contact.get(points)
         if matrix is None:
@@ -384,18 +372,18 @@ class CompliantPath:
         known = np.empty((points + 4, 3))
         known[:2] = start[:6].reshape(2, 3)
         known[2] = compliance @ start[6:9]
-        known[3] = self._mode.stiffness * bearing.sag[:3]
+        known[3] = self._mode.stiffness * self._bearing.sag[:3]
         known[4] = velocities[0] - start[9:12]
         known[5:] = velocities[1:] - velocities[:-1]
         forced = grid.forced[:, :points, 1 : points + 1]
         times = self._times(self._newest + 1, points)
-        return Block(matrix @ known, forced, compliance, times, positions[1:], velocities)
+        return Block(matrix @ known, forced, compliance, times, positions, velocities)
 
-    def _contact_with(self, law: PlaneLaw, bearing: Bearing) -> PlaneContact:
-        """Return the contact of the tool with a plane on this bearing."""
+    def _contact_with(self, law: PlaneLaw) -> PlaneContact:
+        """Return the contact of the tool with a plane on the present bearing."""
         if self._plane is None or law is not self._law:
-            compliance = self._mode.stiffness * bearing.compliance[:3, :3]
-            self._plane = PlaneContact(law, self._responses, compliance, bearing.sag[:3])
+            compliance = self._mode.stiffness * self._bearing.compliance[:3, :3]
+            self._plane = PlaneContact(law, self._responses, compliance, self._bearing.sag[:3])
             self._law = law
         return self._plane
 

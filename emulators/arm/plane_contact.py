@@ -61,13 +61,13 @@ class PlaneContact:
     def motion(self, start: Floats, positions: Floats) -> Floats:
         """Return the motion (n, 12) at n grid points: deflection, its velocity, contact force and velocity of the arm.
 
-        `start` (12,) is the motion at the point before. `positions` (n + 1, 3) are those of the rigid arm at that point
-        and at the n points. All are in the base frame.
+        `positions` (n, 3) are those of the rigid arm at these points. `start` (15,) contains the motion and the
+        position at the point before. All are in the base frame.
         """
         frame, step, (g0, g1, g2) = self._frame, self._step, self._sag
         (m00, m01), (m10, m11) = self._keeping
         (b0, b1), (e0, e1) = self._begin, self._end
-        local = np.concatenate((start.reshape(4, 3), positions)) @ frame.T
+        local = np.concatenate((start.reshape(5, 3), positions)) @ frame.T
         (d0, d1, d2), (v0, v1, v2), force, (u0, u1, u2), (p0, p1, p2), *places = local.tolist()
         # The weight only shifts the deflection d, so the motion is computed relative to the sag.
         d0, d1, d2, origin = d0 - g0, d1 - g1, d2 - g2, self._law.depth_of_origin - g0
