@@ -342,8 +342,8 @@ class Cell(Generic[Robot, Sensor]):
         if isinstance(self.path, CompliantPath):
             undeflected = self.robot.path.trajectory(at)[0]
         joints = [
-            self.robot.joints_holding(Pose(*pose), time)
-            for *pose, time in zip(_vectors(undeflected), quaternions, times, strict=True)
+            self.robot.joints_holding(Pose(position, quaternion), time)
+            for position, quaternion, time in zip(_vectors(undeflected), quaternions, times, strict=True)
         ]
         if isinstance(self.path, CompliantPath):
             turns = zip(self.path.rotations(at).tolist(), quaternions, strict=True)

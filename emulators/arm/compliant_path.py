@@ -214,7 +214,9 @@ class CompliantPath:
         bearing = self._bearing
         at = (times - self._origin) / self._step
         points = self._points_before(np.round(at))
-        rotations: Floats = self._rows[points - self._oldest, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
+        rotations: Floats = (
+            self._rows[points - self._oldest, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
+        )
         return rotations
 
     def rewind(self, time: float) -> None:
@@ -261,7 +263,8 @@ class CompliantPath:
     @property
     def _newest_row(self) -> Floats:
         """Row (15,) of the newest grid point."""
-        return self._rows[self._newest - self._oldest]
+        row: Floats = self._rows[self._newest - self._oldest]
+        return row
 
     def _point_before(self, time: float) -> int:
         """Return the number of the newest grid point that is not after a time, s."""
@@ -327,13 +330,13 @@ class CompliantPath:
         """
         place, quaternion = self._borne_at
         distances = np.abs(positions - place)
-        first = len(times)
+        far = [len(times)]
         if distances.max() > _NEAR_M:
-            first = int(np.argmax(distances.max(axis=1) > _NEAR_M))
+            far.append(int(np.argmax(distances.max(axis=1) > _NEAR_M)))
         for part, turned in self._path.orientations(times):
             if turned != quaternion and angle_between(turned, quaternion) > _NEAR_RAD:
-                return min(first, part.start)
-        return first
+                far.append(part.start)
+        return min(far)
 
     def _solve(self, positions: Floats) -> None:
         """Compute the next points, or at least the first of them, for these positions (n, 3) of the rigid arm, m."""

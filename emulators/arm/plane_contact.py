@@ -113,9 +113,7 @@ class PlaneContact:
         self._change = self._ratio - before if before > 0.0 else 0.0
         return force
 
-    def _force(
-        self, depth: float, velocity: _Triple, ratio: float
-    ) -> tuple[_Triple, float]:
+    def _force(self, depth: float, velocity: _Triple, ratio: float) -> tuple[_Triple, float]:
         """Return the force at the end of a step, N, and the ratio of friction to sliding velocity, N·s/m.
 
         Depth, m, and velocity, m/s, are those without this force. The search begins at `ratio`.
@@ -152,9 +150,7 @@ class PlaneContact:
             f0, f1, f2 = share * f0, share * f1, share * f2
         return (f0, f1, f2), ratio
 
-    def _with_ratio(
-        self, normal: float, velocity: _Triple, ratio: float
-    ) -> _Triple:
+    def _with_ratio(self, normal: float, velocity: _Triple, ratio: float) -> _Triple:
         """Return the force for a given ratio of friction to sliding velocity, N."""
         _, (e10, e11, e12), (e20, e21, e22) = self._by_velocity
         r0, r1, r2 = self._relief
