@@ -38,6 +38,7 @@ class CycledPath:
         self._powered_at, self._period, self._step = powered_at, period, step
         self.cycle = 0
         """Number of the newest cycle that has begun; cycle 0 begins at power-up."""
+        self._cycle_ends_at = self.cycle_at(1)
         self.pose = start
         """Tool pose at the start of the current cycle."""
         self.next_pose = start
@@ -87,10 +88,11 @@ class CycledPath:
 
     def advance(self, now: float) -> None:
         """Compute all cycles that begin by `now`."""
-        while self.cycle_at(self.cycle + 1) <= now + ROUNDING_S:
+        while (begin := self._cycle_ends_at) <= now + ROUNDING_S:
             self.cycle += 1
+            self._cycle_ends_at = self.cycle_at(self.cycle + 1)
             self.pose = self.next_pose
-            self.next_pose = self._step(self.cycle_at(self.cycle))
+            self.next_pose = self._step(begin)
             row = self.cycle % self._size
             here, there = self.pose.position, self.next_pose.position
             self._places[row] = here
@@ -99,7 +101,7 @@ class CycledPath:
 
     def committed_until(self, now: float) -> float:
         self.advance(now)
-        return max(self.cycle_at(self.cycle + 1) - ROUNDING_S, now)
+        return max(self._cycle_ends_at - ROUNDING_S, now)
 
     def predicted_until(self, now: float) -> float:
         return self.committed_until(now)
@@ -109,44 +111,40 @@ class CycledPath:
         cycle, newest = math.floor((time - self._powered_at) / self._period + ROUNDING_S), self.cycle
         return newest if cycle >= newest else max(cycle, newest - self._size + 1, 0)
 
-    def _stretches(self, times: Floats) -> list[tuple[int, slice]]:
-        """Return, in order, the cycles that contain these ascending times.
-
-        Each cycle has the slice of times that it contains.
-        """
+    def _ends(self, times: Floats) -> tuple[int, int]:
+        """Return the cycles that contain the first and the last of these times: usually the same."""
         self.advance(float(times[-1]) - ROUNDING_S)
-        first, last = self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
-        if first == last:  # the usual case: no cycle after the current one is known
-            return [(first, slice(0, len(times)))]
+        return self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
+
+    def _cycles_of(self, times: Floats, first: int, last: int) -> Floats:
+        """Return the number (n,) of the cycle, from `first` to `last`, that contains each of these times (n,)."""
         cycles = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
-        edges = cycles.searchsorted(tuple(range(first + 1, last + 1))).tolist()
-        return [
-            (first + number, slice(begin, end))
-            for number, (begin, end) in enumerate(pairwise((0, *edges, len(times))))
-            if begin < end
-        ]
+        return np.minimum(np.maximum(cycles, first, out=cycles), last, out=cycles)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        stretches = self._stretches(times)
-        if len(stretches) == 1:
-            return self._straight(stretches[0][0], times)
-        parts = [self._straight(cycle, times[part]) for cycle, part in stretches]
-        positions, speeds = zip(*parts, strict=True)
-        return np.concatenate(positions), np.concatenate(speeds)
-
-    def _straight(self, cycle: int, times: Floats) -> tuple[Floats, Floats]:
-        """Return positions and velocities (n, 3) at these times (n,), which are all in one cycle."""
-        row, speeds = cycle % self._size, np.empty((len(times), 3))
-        speeds[:] = self._speeds[row]
-        since = times - self.cycle_at(cycle)
+        first, last = self._ends(times)
+        row: NDArray[np.int_] | int = first % self._size
+        since = times - self.cycle_at(first)
+        if first != last:
+            cycles = self._cycles_of(times, first, last)
+            row = cycles.astype(int) % self._size
+            since = times - (self._powered_at + cycles * self._period)
         since = np.minimum(np.maximum(since, 0.0, out=since), self._period, out=since)
+        speeds = np.empty((len(times), 3))
+        speeds[:] = self._speeds[row]
         return self._places[row] + speeds * since[:, None], speeds
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
+        first, last = self._ends(times)
+        turns = [self._turns[cycle % self._size] for cycle in range(first, last + 1)]
+        if turns.count(turns[0]) == len(turns):
+            return [(slice(0, len(times)), turns[0])]
+        edges = self._cycles_of(times, first, last).searchsorted(range(first + 1, last + 1)).tolist()
         stretches: list[tuple[slice, Quaternion]] = []
-        for cycle, part in self._stretches(times):
-            orientation = self._turns[cycle % self._size]
-            if stretches and stretches[-1][1] == orientation:
-                part = slice(stretches.pop()[0].start, part.stop)
-            stretches.append((part, orientation))
+        for turned, (begin, end) in zip(turns, pairwise((0, *edges, len(times))), strict=True):
+            if begin == end:
+                continue
+            if stretches and stretches[-1][1] == turned:
+                begin = stretches.pop()[0].start
+            stretches.append((slice(begin, end), turned))
         return stretches
