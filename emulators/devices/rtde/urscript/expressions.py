@@ -165,7 +165,7 @@ class Expressions:
     def _trailer(self, part: Part, trailer: Node) -> Part:
         if trailer.kind == "index":
             for child in trailer.children:
-                part = combined([part, self.value(child)], _element)
+                part = _index(part, self.value(child))
             return part
         name = trailer.children[0]
         if trailer.kind == "member":
@@ -424,6 +424,19 @@ def _default(value: Any) -> Part:
 
 def _pose(frame: Frame, *parts: Value) -> Value:
     return PoseValue(values.vector(parts, 6))
+
+
+def _index(items: Part, place: Part) -> Part:
+    """Compile access to an element."""
+    run, at = items.run, place.constant
+    if items.waits or at.__class__ is not int or at < 0:
+        return combined([items, place], _element)
+
+    def pick(frame: Frame) -> Value:
+        value = run(frame)
+        return value[at] if value.__class__ in _LISTS and at < len(value) else values.element(value, at)
+
+    return Part(False, pick)
 
 
 def _element(frame: Frame, value: Value, place: Value) -> Value:
