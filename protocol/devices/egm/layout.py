@@ -111,12 +111,8 @@ def read_place(data: bytes, at: int, first: int) -> tuple[tuple[float, ...], int
 def _varint(number: int) -> bytes:
     if not 0 <= number < _NUMBERS:
         raise ValueError("not a usual number")
-    parts = []
-    while number >= ONE_BYTE:
-        parts.append(number & 127 | ONE_BYTE)
-        number >>= 7
-    parts.append(number)
-    return bytes(parts)
+    last = ((number | 1).bit_length() - 1) // 7 * 7
+    return bytes((*[number >> shift & 127 | ONE_BYTE for shift in range(0, last, 7)], number >> last))
 
 
 def _read_varint(data: bytes, at: int, tag: int) -> tuple[int, int]:
