@@ -90,9 +90,12 @@ def size_of(value: "tuple[Value, ...] | str | Struct") -> int:
 
     Characters of a string in a list count less, because they are copied at once.
     """
-    if isinstance(value, str):
+    if isinstance(value, tuple):
+        parts: Sequence[Value] = value
+    elif isinstance(value, str):
         return len(value)
-    parts: Sequence[Value] = tuple(value.members.values()) if isinstance(value, Struct) else value
+    else:
+        parts = tuple(value.members.values())
     size = len(parts)
     for part in parts:
         if part.__class__ in _NUMBERS:
