@@ -38,13 +38,14 @@ class CycledPath:
         self._powered_at, self._period, self._step = powered_at, period, step
         self.cycle = 0
         """Number of the newest cycle that has begun; cycle 0 begins at power-up."""
-        self._cycle_ends_at = self.cycle_at(1)
         self.pose = start
         """Tool pose at the start of the current cycle."""
         self.next_pose = start
         """Tool pose at the end of the current cycle."""
         self.on_change: Callable[[float], object] = _unread
         self.accepted = 0
+        self._next_at = powered_at + period
+        """Time at which the next cycle begins, s."""
         self._begun = 0
         self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._size = math.ceil(_PAST_S / period) + 2
@@ -88,20 +89,21 @@ class CycledPath:
 
     def advance(self, now: float) -> None:
         """Compute all cycles that begin by `now`."""
-        while (begin := self._cycle_ends_at) <= now + ROUNDING_S:
+        while self._next_at <= now + ROUNDING_S:
+            at = self._next_at
             self.cycle += 1
-            self._cycle_ends_at = self.cycle_at(self.cycle + 1)
+            self._next_at = self.cycle_at(self.cycle + 1)
             self.pose = self.next_pose
-            self.next_pose = self._step(begin)
+            self.next_pose = self._step(at)
             row = self.cycle % self._size
-            here, there = self.pose.position, self.next_pose.position
-            self._places[row] = here
-            self._speeds[row] = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
+            (x, y, z), (u, v, w), period = self.pose.position, self.next_pose.position, self._period
+            self._places[row] = x, y, z
+            self._speeds[row] = (u - x) / period, (v - y) / period, (w - z) / period
             self._turns[row] = self.pose.quaternion
 
     def committed_until(self, now: float) -> float:
         self.advance(now)
-        return max(self._cycle_ends_at - ROUNDING_S, now)
+        return max(self._next_at - ROUNDING_S, now)
 
     def predicted_until(self, now: float) -> float:
         return self.committed_until(now)
@@ -111,40 +113,32 @@ class CycledPath:
         cycle, newest = math.floor((time - self._powered_at) / self._period + ROUNDING_S), self.cycle
         return newest if cycle >= newest else max(cycle, newest - self._size + 1, 0)
 
-    def _ends(self, times: Floats) -> tuple[int, int]:
-        """Return the cycles that contain the first and the last of these times: usually the same."""
-        self.advance(float(times[-1]) - ROUNDING_S)
-        return self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
-
-    def _cycles_of(self, times: Floats, first: int, last: int) -> Floats:
-        """Return the number (n,) of the cycle, from `first` to `last`, that contains each of these times (n,)."""
-        cycles = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
-        return np.minimum(np.maximum(cycles, first, out=cycles), last, out=cycles)
+    def _cycles_of(self, times: Floats) -> Floats:
+        """Return the numbers of the cycles that contain these times (n,), limited to the cycles that are kept."""
+        cycles: Floats = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
+        oldest = max(self.cycle - self._size + 1, 0)
+        return np.minimum(np.maximum(cycles, oldest, out=cycles), self.cycle, out=cycles)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        first, last = self._ends(times)
-        row: NDArray[np.int_] | int = first % self._size
-        since = times - self.cycle_at(first)
-        if first != last:
-            cycles = self._cycles_of(times, first, last)
-            row = cycles.astype(int) % self._size
-            since = times - (self._powered_at + cycles * self._period)
+        self.advance(float(times[-1]) - ROUNDING_S)
+        cycles = self._cycles_of(times)
+        rows = cycles.astype(int) % self._size
+        since = times - (self._powered_at + cycles * self._period)
         since = np.minimum(np.maximum(since, 0.0, out=since), self._period, out=since)
-        speeds = np.empty((len(times), 3))
-        speeds[:] = self._speeds[row]
-        return self._places[row] + speeds * since[:, None], speeds
+        speeds = self._speeds[rows]
+        return self._places[rows] + speeds * since[:, None], speeds
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-        first, last = self._ends(times)
-        turns = [self._turns[cycle % self._size] for cycle in range(first, last + 1)]
-        if turns.count(turns[0]) == len(turns):
-            return [(slice(0, len(times)), turns[0])]
-        edges = self._cycles_of(times, first, last).searchsorted(range(first + 1, last + 1)).tolist()
+        self.advance(float(times[-1]) - ROUNDING_S)
+        first, last = self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
+        if first == last:  # the usual case: no cycle after the current one is known
+            return [(slice(0, len(times)), self._turns[first % self._size])]
+        edges = self._cycles_of(times).searchsorted(np.arange(first + 1, last + 1)).tolist()
         stretches: list[tuple[slice, Quaternion]] = []
-        for turned, (begin, end) in zip(turns, pairwise((0, *edges, len(times))), strict=True):
-            if begin == end:
-                continue
-            if stretches and stretches[-1][1] == turned:
-                begin = stretches.pop()[0].start
-            stretches.append((slice(begin, end), turned))
+        for cycle, (begin, end) in enumerate(pairwise((0, *edges, len(times))), first):
+            if begin < end:
+                orientation = self._turns[cycle % self._size]
+                if stretches and stretches[-1][1] == orientation:
+                    begin = stretches.pop()[0].start
+                stretches.append((slice(begin, end), orientation))
         return stretches
