@@ -38,7 +38,7 @@ class Watcher(Protocol):
 
     def pause(self, seconds: float) -> None:
         """Use a pause of the given time, s, in which a block is transmitted on the robot's line and no answer can
-        come before its last character.
+        come before its last character. It is called only if any watcher accepts the traffic.
         """
 
     def close(self, end: Mapping[str, str]) -> None:

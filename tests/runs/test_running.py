@@ -176,7 +176,7 @@ def test_log_has_byte_time_of_line() -> None:
             pauses.append(seconds)
 
     reported: list[float] = []
-    run_in_harness(SHORT, [Ear({})], lambda run: reported.append(run.log.byte_time_s))
+    run_in_harness(SHORT, [Ear({LinkRecord: lambda record: None})], lambda run: reported.append(run.log.byte_time_s))
     assert reported == [pytest.approx(11 / 9600)]  # the S3's line: 9600 baud, eight bits with parity
     assert min(pauses) > reported[0]
 
