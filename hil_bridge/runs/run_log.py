@@ -84,6 +84,10 @@ class RunLog:
             self._wires["sensor"] = LinkLog(lambda at, pieces: self.put(at, WireRecord(at, "sensor", pieces)))
         self.verbose = bool(self._wires)
         """Setting of a `DeviceLog`: whether any watcher accepts traffic."""
+        self.with_true_states = True
+        """Whether the ground truth contains the states of the emulated cell; False for a run of which only the
+        figures are needed, which use its times alone.
+        """
         self.byte_time_s = 0.0
         """Transmission time of one byte on the robot's line, s; 0 if negligible."""
 

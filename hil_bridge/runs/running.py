@@ -72,7 +72,11 @@ class _Truth:
         streamed = running.setup.facts.pacing is Pacing.STREAMED
         self._log = running.log
         self._truth: GroundTruth | None = GroundTruth(
-            cell, running.setup.sensor.is_emulated, self._log.hand_over, streamed
+            cell,
+            running.setup.sensor.is_emulated,
+            self._log.hand_over,
+            streamed,
+            with_states=self._log.with_true_states,
         )
 
     def cycle(self, record: CycleRecord) -> None:

@@ -196,6 +196,7 @@ class Session:
         page = None if self.feed is None else Page(self.feed, self.notes, record)
         watchers = (recorder, self.notes, view, page, self._kept)
         log = RunLog(clock, [watcher for watcher in watchers if watcher is not None])
+        log.with_true_states = not self._outputs.only_figures or page is not None
         stopping = self._stopping = Stopping(self.signals, log)
         log.join(Listener({CycleRecord: _collector(clock)}))
         if recorder is not None:
