@@ -55,11 +55,16 @@ class KeptRecords:
         self._file: Recorder | None = None
         self.is_whole = True
         """Whether the memory contains all records; False once they have been moved or discarded."""
-        self.takes = takes
+        self._kinds = takes
         self._wall_ns = wall_ns
         self._metadata = dict(sorted(metadata.items()))
         self._steps: list[_Step] = []
         self._end: Mapping[str, str] | None = None
+
+    @property
+    def takes(self) -> Mapping[type, Callable[[Any], object]]:
+        """Function that accepts records, by the types of records to keep."""
+        return dict.fromkeys(self._kinds, self.put)
 
     def put(self, record: Record) -> None:
         """Add a record. Records after the end are ignored."""

@@ -94,8 +94,8 @@ class RunLog:
     def join(self, watcher: Watcher) -> None:
         """Add a watcher, after the existing ones."""
         self._watchers.append(watcher)
-        for kind in watcher.takes:
-            self._takers.setdefault(kind, []).append(watcher.put)
+        for kind, take in watcher.takes.items():
+            self._takers.setdefault(kind, []).append(take)
 
     def wants(self, kind: type) -> bool:
         """Return whether any watcher accepts records of this type."""
