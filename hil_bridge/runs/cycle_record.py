@@ -12,7 +12,7 @@ from protocol.geometry import Vector
 
 
 class Course(Struct, frozen=True, gc=False):
-    """Values of a cycle that come from its course. The fields have the names of the record's fields."""
+    """Values of a cycle that come from its course."""
 
     cycle: int
     started_at: float
@@ -22,7 +22,8 @@ class Course(Struct, frozen=True, gc=False):
     answered_at: float
     sensor_counter: int
     start: Vector
-    asked: Reason | None
+    request: Reason | None
+    """Request to end, or failure outside the cycles, that the decision follows; None if there is none."""
     step: int
     correction: float
     sent_at: float
@@ -63,7 +64,7 @@ def cycle_record(
         },
         target=decision.position,
         start=course.start,
-        asked=course.asked,
+        asked=course.request,
         status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
         decoded_at=course.decoded_at,
         proposed_at=course.proposed_at,
