@@ -121,7 +121,8 @@ class _Player:
         return choice
 
     def _arrival(self, first: Decision | EpisodeEnd) -> Arrival:
-        return Arrival(first, tuple(str(one.message) for one in self.warnings or ()))
+        texts = (str(one.message) for one in self.warnings or () if one.category is UserWarning)
+        return Arrival(first, tuple(texts))
 
     def _wait(self) -> None:
         """Wait at the snapshot. Return in the child of each episode only."""

@@ -7,10 +7,9 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil_bridge.api import run_virtual
 from hil_bridge.control.laws.policy import Axis, Observed, PolicyController
@@ -22,8 +21,6 @@ from hil_bridge.runs.simulation import Result, Simulation, simulating
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import config_of
 from protocol.geometry import Vector
-
-Action: TypeAlias = NDArray[np.float64]
 
 
 class EpisodeSettings(NamedTuple):
@@ -49,7 +46,8 @@ class EpisodeSettings(NamedTuple):
 class Decision(NamedTuple):
     """Request of the run for a decision, with the true state of the tool."""
 
-    observation: Observed
+    observed: bytes
+    """Observation as bytes, which pass between processes much faster than an array."""
     at: float
     """Time on the run's clock, s."""
     cycles: tuple[CycleRecord, ...]
@@ -58,14 +56,17 @@ class Decision(NamedTuple):
     """True position of the tool, base frame, m."""
     force: Vector
     """True force of the surface on the tool, base frame, N."""
-    normal: Vector | None
-    """Outward unit normal of the surface below the tool, base frame; None if it has no normals."""
+
+    @property
+    def observation(self) -> Observed:
+        """Observation as a new array."""
+        return np.frombuffer(self.observed, np.float32).copy()
 
 
 class Choice(NamedTuple):
     """Answer of the policy to a decision."""
 
-    action: Action
+    action: tuple[float, ...]
     thought_s: float
     """Wall-clock time that the policy took, s."""
 
@@ -107,7 +108,7 @@ class EpisodeRun:
     def __init__(self, settings: EpisodeSettings, decide: Callable[[Decision], Choice | None]) -> None:
         self._settings = settings
         self._decide = decide
-        self._hold = np.zeros(len(settings.axes))
+        self._hold = (0.0,) * len(settings.axes)
         self._cycles: list[CycleRecord] | None = None
         self._simulation: Simulation | None = None
         self._thought_s = 0.0
@@ -152,7 +153,7 @@ class EpisodeRun:
         cycles, self._cycles = self._cycles, []
         return tuple(cycles or ())
 
-    def _ask(self, observation: Observed) -> Action:
+    def _ask(self, observation: Observed) -> tuple[float, ...]:
         """Return the action for an observation."""
         simulation = self._simulation
         if self._left or simulation is None:
@@ -160,7 +161,7 @@ class EpisodeRun:
         truth = simulation.truth()
         at = simulation.clock.now()
         choice = self._decide(
-            Decision(observation, at, self._since(), truth.position, truth.contact_force, truth.normal)
+            Decision(observation.tobytes(), at, self._since(), truth.position, truth.contact_force)
         )
         if choice is None:
             self._left = True

@@ -21,7 +21,6 @@ from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym.beginnings import Beginnings
 from hil_bridge.gym.drawing import Episodes, Tables, plan_episodes
 from hil_bridge.gym.episode import (
-    Action,
     Choice,
     Decision,
     Episode,
@@ -119,7 +118,8 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
         )
         self._axes = tuple(options.get("actions", AXES[:1]))
         self._speeds = options.get("speed_mm_s", 5.0), options.get("turn_deg_s", 5.0)
-        self._thinking = options.get("thinking_ms", 0.0)
+        thinking = options.get("thinking_ms", 0.0)
+        self._thinking = dict(thinking) if isinstance(thinking, Mapping) else thinking
         PolicyController(  # validates these arguments
             lambda observation: observation, self._axes, *self._speeds, thinking_ms=self._thinking
         )
@@ -221,7 +221,7 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
         if values.shape != self.action_space.shape or not np.isfinite(values).all():
             raise ValueError(f"an action must be {len(self._axes)} numbers from -1 to 1, got {action!r}")
         self._decision = None  # until there is another one
-        after = episode.act(Choice(values, thought_s))
+        after = episode.act(Choice(tuple(values.tolist()), thought_s))
         if self._picture is not None:
             self._picture.extend(after)
         if isinstance(after, Decision):
@@ -233,7 +233,7 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
         return before.observation, *self._end(before, after, values)
 
     def _end(
-        self, before: Decision, end: EpisodeEnd, action: Action
+        self, before: Decision, end: EpisodeEnd, action: NDArray[np.float64]
     ) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of the last step of an episode."""
         result, stopped = end.result, end.stopped

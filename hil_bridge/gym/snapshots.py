@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import warnings
 import weakref
 from contextlib import suppress
@@ -59,6 +60,7 @@ class CellProcess:
         self._control = ours
         self._channels = [Channel(ours)]
         """The first end of each channel: of the process, and of its copies."""
+        self._lock = threading.Lock()
         weakref.finalize(self, _end, self._process, self._channels)
 
     def open_channel(self) -> Channel:
@@ -71,7 +73,8 @@ class CellProcess:
             ours.close()
             raise ProcessLost("the process of the emulated cells has ended") from error
         channel = Channel(ours)
-        self._channels[:] = [*(one for one in self._channels if one.is_open), channel]
+        with self._lock:
+            self._channels[:] = [*(one for one in self._channels if one.is_open), channel]
         return channel
 
 
@@ -102,7 +105,7 @@ class Snapshot:
         self._cell = CellProcess.shared()
         self._channel = self._cell.open_channel()
         self._played = 0
-        self._is_playing = self._is_exchanging = False
+        self._is_playing = False
         arrival: Arrival = self._exchange(settings)
         for text in arrival.warnings:
             warnings.warn(text, stacklevel=2)
@@ -113,10 +116,9 @@ class Snapshot:
         self.leave()
         if isinstance(self._first, EpisodeEnd):
             return self._first
+        self._played, self._is_playing = self._played + 1, True
         self._exchange(BEGIN)
-        self._played += 1
-        self._is_playing = True
-        return self._first._replace(observation=self._first.observation.copy())
+        return self._first
 
     def act(self, choice: Choice) -> Decision | EpisodeEnd:
         """Apply an action and run to the next decision. Raises ProcessLost if the process of the episode has ended."""
@@ -138,8 +140,6 @@ class Snapshot:
 
     def leave(self) -> None:
         """Abandon the episode. Idempotent."""
-        if self._is_exchanging:  # interrupted: the answer is still to come
-            self.close()
         if self._is_playing:
             self._is_playing = False
             if not self._channel.is_ours:
@@ -149,7 +149,7 @@ class Snapshot:
 
     def close(self) -> None:
         """End the process of the snapshot. Idempotent."""
-        self._is_playing = self._is_exchanging = False
+        self._is_playing = False
         self._channel.close()
 
     def _exchange(self, message: object) -> Any:
@@ -157,14 +157,15 @@ class Snapshot:
             raise ProcessLost(
                 "the episode belongs to the process that this one is a copy of; call reset() first"
             )
-        self._is_exchanging = True
         try:
             self._channel.send(message)
             answer = self._channel.receive()
         except (OSError, EOFError) as error:
             self.close()
             raise ProcessLost("the process of the emulated cell has ended; reset() starts another") from error
-        self._is_exchanging = False
+        except BaseException:  # an interrupt: the answer is still to come
+            self.close()
+            raise
         if isinstance(answer, BaseException):
             self.close()
             raise answer
@@ -206,12 +207,11 @@ class Snapshots:
         if self._owner != os.getpid():  # this process is a copy, and the snapshots belong to the original
             self.close()
             self._owner = os.getpid()
-        snapshot = self._parked.pop(settings.seed, None)
-        if snapshot is not None:
-            with suppress(ProcessLost):  # taken again below
-                first = snapshot.start()
-                self._parked[settings.seed] = snapshot
-                return snapshot, first
+        if (snapshot := self._parked.pop(settings.seed, None)) is not None:
+            self._parked[settings.seed] = snapshot  # as the most recently used one
+            with suppress(ProcessLost):
+                return snapshot, snapshot.start()
+            del self._parked[settings.seed]
         while len(self._parked) >= self._most:
             self._parked.pop(next(iter(self._parked))).close()
         snapshot = Snapshot(settings)

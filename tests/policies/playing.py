@@ -1,6 +1,5 @@
 """Episodes with simple policies, and the processes in which they run."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,22 +33,3 @@ def play(
         observations.append(observation)
         over = terminated or truncated
     return rewards, observations, {**begun, **info, "terminated": terminated, "truncated": truncated}
-
-
-def children_of(pid: int | str) -> list[int]:
-    """Return the processes that a process has started."""
-    try:
-        lists = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children")]
-    except OSError:
-        return []
-    return [int(child) for text in lists for child in text.split()]
-
-
-def processes_of_cells() -> list[int]:
-    """Return the processes of emulated cells that this process has started, the first one first."""
-    found = [
-        pid for pid in children_of("self") if b"cell_process" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    ]
-    for pid in found:
-        found += children_of(pid)
-    return found

@@ -18,7 +18,8 @@ from hil_bridge.control.laws.policy import OBSERVED
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import ENVIRONMENT, FollowEnv, PolicyController, Transition, replay_policy
 from protocol.geometry import angle_between
-from tests.policies.playing import NEAR, PLACE, STIFFNESS, gentle, play, press, processes_of_cells
+from tests.policies.playing import NEAR, PLACE, STIFFNESS, gentle, play, press
+from tools.bench.policies import processes_of_cells
 
 pytestmark = pytest.mark.sweep
 

@@ -20,7 +20,8 @@ from hil_bridge.gym.beginnings import Beginnings
 from hil_bridge.gym.cell_process import ProcessLost, _portable
 from hil_bridge.gym.channel import Channel
 from hil_bridge.gym.snapshots import SUPPORTED
-from tests.policies.playing import NEAR, STIFFNESS, gentle, play, press, processes_of_cells
+from tests.policies.playing import NEAR, STIFFNESS, gentle, play, press
+from tools.bench.policies import processes_of_cells
 
 pytestmark = [
     pytest.mark.sweep,
@@ -166,7 +167,8 @@ def test_policy_error_leaves_environment_usable() -> None:
 PROGRAM = """
 import os, signal
 from hil_bridge.gym import FollowEnv
-from tests.policies.playing import NEAR, processes_of_cells
+from tests.policies.playing import NEAR
+from tools.bench.policies import processes_of_cells
 env = FollowEnv(config=NEAR)
 env.reset(seed=1)
 print(*processes_of_cells(), flush=True)
