@@ -33,6 +33,7 @@ from hil_bridge.gym.rewards import Reward, Transition, make_reward
 from hil_bridge.gym.snapshots import SUPPORTED, Snapshots
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import Source
+from protocol.marks import SettingError
 
 SENSORS: Mapping[str, str] = {"s3": "jr3"}
 """Default sensor kind for each robot kind; all other robots use `netft`."""
@@ -120,16 +121,17 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
         self._speeds = options.get("speed_mm_s", 5.0), options.get("turn_deg_s", 5.0)
         thinking = options.get("thinking_ms", 0.0)
         self._thinking = dict(thinking) if isinstance(thinking, Mapping) else thinking
-        PolicyController(  # validates these arguments
-            lambda observation: observation, self._axes, *self._speeds, thinking_ms=self._thinking
-        )
+        try:
+            PolicyController(lambda observed: observed, self._axes, *self._speeds, thinking_ms=self._thinking)
+        except SettingError as error:
+            raise ConfigError(str(error)) from error
         reward = options.get("reward", "force-error")
         self._reward: Reward = make_reward(reward) if isinstance(reward, str) else reward
         keep = options.get("keep")
         self._keep = None if keep is None else Path(keep).absolute()
         count = options.get("beginnings", BEGINNINGS)
         if type(count) is not int or count < 0:
-            raise ConfigError(f"beginnings must be a whole number from 0, got {count!r}")
+            raise ConfigError(f"beginnings must be an integer from 0, got {count!r}")
         self._beginnings = Beginnings(count)
         self._snapshots = Snapshots(count) if count and SUPPORTED else None
         self.render_mode = options.get("render_mode")

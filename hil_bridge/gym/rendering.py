@@ -32,7 +32,8 @@ class Picture:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=_SIZE, dpi=100, layout="constrained")
+        figure = Figure(figsize=_SIZE, dpi=100)
+        figure.subplots_adjust(left=0.1, bottom=0.19, right=0.98, top=0.92, wspace=0.28)
         self._canvas = FigureCanvasAgg(figure)
         self._axes: tuple[Axes, Axes] = tuple(figure.subplots(1, 2))
         self._points: list[tuple[float, float, float, float]] = []

@@ -98,13 +98,13 @@ def _end(process: "subprocess.Popen[bytes]", channels: list[Channel]) -> None:
 
 
 class Snapshot:
-    """Episode at its first decision, which can be played any number of times."""
+    """Episode at its first decision, which can be executed any number of times."""
 
     def __init__(self, settings: EpisodeSettings) -> None:
         """Run an episode to its first decision. Raises ConfigError for a configuration that cannot be run."""
         self._cell = CellProcess.shared()
         self._channel = self._cell.open_channel()
-        self._played = 0
+        self._episode = 0
         self._is_playing = False
         arrival: Arrival = self._exchange(settings)
         for text in arrival.warnings:
@@ -116,7 +116,7 @@ class Snapshot:
         self.leave()
         if isinstance(self._first, EpisodeEnd):
             return self._first
-        self._played, self._is_playing = self._played + 1, True
+        self._episode, self._is_playing = self._episode + 1, True
         self._exchange(BEGIN)
         return self._first
 
@@ -124,7 +124,7 @@ class Snapshot:
         """Apply an action and run to the next decision. Raises ProcessLost if the process of the episode has ended."""
         answer: Decision | EpisodeEnd = self._exchange(choice)
         if isinstance(answer, EpisodeEnd) and answer.result is not None:
-            records = cast(KeptRecords, _RemoteRecords(self, self._played))
+            records = cast(KeptRecords, _RemoteRecords(self, self._episode))
             return answer._replace(result=answer.result.with_records(records))
         return answer
 
@@ -132,7 +132,7 @@ class Snapshot:
         """Return a value of the records of the episode with this number. Raises ConfigError after the next one has
         begun.
         """
-        if not self._is_playing or episode != self._played:
+        if not self._is_playing or episode != self._episode:
             raise ConfigError(
                 "the records of an episode are available until the next reset of its environment"
             )

@@ -222,7 +222,7 @@ def test_episodes_leak_no_memory_or_threads(beginnings: int) -> None:
         ),
         ({"config": {"robot": {"url": "s3+serial:///dev/ttyUSB0"}}}, "leave the URL empty"),
         ({"robot": "none-such"}, "none-such"),
-        ({"beginnings": -1}, "beginnings must be a whole number from 0"),
+        ({"beginnings": -1}, "beginnings must be an integer from 0"),
         ({"render_mode": "human"}, 'render_mode must be "rgb_array" or None'),
         ({"thinking_ms": -1.0}, "thinking_ms must be a number from 0"),
         ({"thinking_ms": {"from": 5.0}}, "thinking_ms must be a number from 0"),

@@ -49,12 +49,12 @@ def test_episode_from_snapshot_equals_fresh_run(robot: str, sensor: str, tmp_pat
     expected = play(FollowEnv(robot, sensor, beginnings=0, reward=saving(fresh), **options), gentle, 5)
     env = FollowEnv(robot, sensor, beginnings=2, reward=saving(again), **options)
     for policy in (gentle, press, gentle):  # an episode leaves no trace in the snapshot
-        played = play(env, policy, episode=expected[2]["seed"])
+        repeated = play(env, policy, episode=expected[2]["seed"])
         env.reset(options={"episode": 1})
     env.close()
-    assert played[0] == expected[0]
-    assert np.array_equal(played[1], expected[1])
-    assert played[2]["drawn"] == expected[2]["drawn"]
+    assert repeated[0] == expected[0]
+    assert np.array_equal(repeated[1], expected[1])
+    assert repeated[2]["drawn"] == expected[2]["drawn"]
     assert again.read_bytes() == fresh.read_bytes()
 
 
@@ -92,9 +92,9 @@ def test_system_without_fork_runs_in_thread(monkeypatch: pytest.MonkeyPatch) -> 
     expected = play(env, gentle, 3)
     env.close()
     monkeypatch.setattr(follow, "SUPPORTED", False)
-    played = play(FollowEnv(config=NEAR), gentle, 3)
-    assert played[0] == expected[0]
-    assert np.array_equal(played[1], expected[1])
+    repeated = play(FollowEnv(config=NEAR), gentle, 3)
+    assert repeated[0] == expected[0]
+    assert np.array_equal(repeated[1], expected[1])
 
 
 def test_environments_play_side_by_side() -> None:

@@ -53,7 +53,7 @@ def test_action_takes_effect_after_thinking_time(thinking_ms: float, expected: l
     assert actions(PolicyController(error, thinking_ms=thinking_ms), 7) == expected
 
 
-def test_thinking_time_of_whole_cycles_is_exact() -> None:
+def test_thinking_time_of_several_cycles_is_exact() -> None:
     """Times of cycles such as 7919.304 have rounding errors."""
     effective = actions(PolicyController(error, thinking_ms=20.0), 40, CYCLE_S)
     assert effective == [0.0] * 5 + [1.0 + 5 * (number // 5) for number in range(35)]
@@ -111,8 +111,8 @@ def test_environment_and_run_think_alike(thinking_ms: Any) -> None:
     policy = PolicyController(watched, thinking_ms=thinking_ms, thinking_seed=info["seed"])
     result = hil_bridge.simulate(env.config(info["seed"]), controller=policy)
     assert np.array_equal(observations[:-1], observed)
-    asked = [cycle.started_at for cycle in result.cycles if THINKING in cycle.explanation]
-    gaps = [after - before for before, after in pairwise(asked)]
+    decided_at = [cycle.started_at for cycle in result.cycles if THINKING in cycle.explanation]
+    gaps = [after - before for before, after in pairwise(decided_at)]
     low, high = (20.0, 20.0) if thinking_ms == 20.0 else (5.0, 40.0)
     assert min(gaps) >= low * 1e-3 - 1e-9
     assert max(gaps) <= high * 1e-3 + CYCLE_S
@@ -124,11 +124,11 @@ def test_environment_measures_thinking_time(beginnings: int) -> None:
     env = FollowEnv("egm", "netft", config=NEAR, thinking_ms=MEASURED, beginnings=beginnings)
     env.reset(seed=1)
     for thought_s, cycles in ((0.01, 3), (0.021, 6), (1e-6, 1)):
-        taken: list[int] = []
-        env._reward = lambda transition, taken=taken: float(taken.append(len(transition.cycles)) or 0)
+        counts: list[int] = []
+        env._reward = lambda transition, counts=counts: float(counts.append(len(transition.cycles)) or 0)
         env._answered_at -= thought_s
         env.step(np.array([0.1]))
-        assert taken[0] >= cycles
+        assert counts[0] >= cycles
     env.close()
 
 
@@ -140,8 +140,10 @@ def test_policy_file_thinks(tmp_path: Path) -> None:
     config = {**EGM, "controller": {"name": "policy", "parameters": parameters}}
     result = hil_bridge.simulate(config, seed=2)
     assert result.outcome == "completed"
-    asked = [cycle.started_at for cycle in result.cycles if THINKING in cycle.explanation]
-    assert all(0.05 <= after - before + 1e-9 < 0.05 + CYCLE_S + 1e-9 for before, after in pairwise(asked))
+    decided_at = [cycle.started_at for cycle in result.cycles if THINKING in cycle.explanation]
+    assert all(
+        0.05 <= after - before + 1e-9 < 0.05 + CYCLE_S + 1e-9 for before, after in pairwise(decided_at)
+    )
     result.save(tmp_path / "run.mcap")
     replayed = CliRunner().invoke(cli, ["replay", str(tmp_path / "run.mcap")])
     assert replayed.exit_code == 0, replayed.output

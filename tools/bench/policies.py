@@ -97,18 +97,18 @@ def cost_of(robot: str, sensor: str, seconds: float) -> Cost:
     began = processor_time()
     env.reset()
     snapshot_s = processor_time() - began
-    steps, played_s = 0, 0.0
+    steps, used_s = 0, 0.0
     resets_s: list[float] = []
     for _ in range(EPISODES):
         began = processor_time()
         env.reset()
         resets_s.append(processor_time() - began)
         steps += play(env)
-        played_s += processor_time() - began
+        used_s += processor_time() - began
     env.close()
     del env
     gc.collect()
-    return Cost(steps / played_s, sum(resets_s) / EPISODES * 1e3, snapshot_s)
+    return Cost(steps / used_s, sum(resets_s) / EPISODES * 1e3, snapshot_s)
 
 
 def rate_of(count: int) -> float:
