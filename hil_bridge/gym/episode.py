@@ -35,6 +35,8 @@ class EpisodeSettings(NamedTuple):
     speeds: tuple[float, float]
     """Speeds for an action of 1, mm/s and °/s."""
     thinking_ms: Thinking
+    truth: bool
+    """Whether decisions contain the true state. It takes a tenth of the time of a step."""
     keep: Path | None
     """Folder for the recording of a stopped run; None if it is not saved."""
 
@@ -43,8 +45,17 @@ class EpisodeSettings(NamedTuple):
         return config_with(self.base, self.drawn, self.seed)
 
 
+class Truth(NamedTuple):
+    """True state of the tool."""
+
+    position: Vector
+    """Position in the base frame, m."""
+    force: Vector
+    """Force of the surface on the tool in the base frame, N."""
+
+
 class Decision(NamedTuple):
-    """Request of the run for a decision, with the true state of the tool."""
+    """Request of the run for a decision."""
 
     observed: bytes
     """Observation as bytes, which pass between processes much faster than an array."""
@@ -52,10 +63,7 @@ class Decision(NamedTuple):
     """Time on the run's clock, s."""
     cycles: tuple[CycleRecord, ...]
     """Control cycles since the previous decision; empty for the first one."""
-    position: Vector
-    """True position of the tool, base frame, m."""
-    force: Vector
-    """True force of the surface on the tool, base frame, N."""
+    truth: Truth | None
 
     @property
     def observation(self) -> Observed:
@@ -158,11 +166,12 @@ class EpisodeRun:
         simulation = self._simulation
         if self._left or simulation is None:
             return self._hold
-        truth = simulation.truth()
+        truth = None
+        if self._settings.truth:
+            state = simulation.truth()
+            truth = Truth(state.position, state.contact_force)
         at = simulation.clock.now()
-        choice = self._decide(
-            Decision(observation.tobytes(), at, self._since(), truth.position, truth.contact_force)
-        )
+        choice = self._decide(Decision(observation.tobytes(), at, self._since(), truth))
         if choice is None:
             self._left = True
             simulation.interrupt()

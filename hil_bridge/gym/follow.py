@@ -74,6 +74,9 @@ class Options(TypedDict, total=False):
     episode be new."""
     thinking_ms: Thinking
     """Time from an observation until its action takes effect, ms; see `PolicyController`. Default 0."""
+    truth: bool
+    """Whether `info` contains the true position and force of the tool; default False, because it takes a tenth of the
+    time of a step."""
     render_mode: str | None
     """`"rgb_array"` for pictures by `render()`; default None."""
     keep: Path | str
@@ -138,6 +141,7 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
         if self.render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f'render_mode must be "rgb_array" or None, got {self.render_mode!r}')
         self._picture = None if self.render_mode is None else Picture()
+        self._truth = options.get("truth", False) or self._picture is not None
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float32)
         self._episode: Episode | None = None
@@ -188,6 +192,7 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
             self._axes,
             self._speeds,
             self._thinking,
+            self._truth,
             self._keep,
         )
         if self._snapshots is not None:
@@ -256,12 +261,11 @@ class FollowEnv(gymnasium.Env[Observed, NDArray[np.float32]]):
         return float(self._reward(transition)), not time_is_up, time_is_up, info
 
     def _info(self, decision: Decision) -> dict[str, Any]:
-        """Return the true state of the cell at a decision, and the counts of this environment."""
-        return {
-            "truth_position": np.array(decision.position),
-            "truth_force": np.array(decision.force),
-            **self._counts,
-        }
+        """Return the counts of this environment, and the true state of the cell at a decision if there is one."""
+        if decision.truth is None:
+            return dict(self._counts)
+        position, force = map(np.array, decision.truth)
+        return {"truth_position": position, "truth_force": force, **self._counts}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the present state, shape (height, width, 3); None without `render_mode`."""

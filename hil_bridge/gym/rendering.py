@@ -60,8 +60,9 @@ class Picture:
         if isinstance(event, EpisodeEnd):
             self._title = event.text or "completed"
             return
-        travel, height = (self._plane @ event.position * 1e3).tolist()
-        self._points.append((event.at, travel, height, float(self._plane[1] @ event.force)))
+        assert event.truth is not None, "a picture needs the true state"
+        travel, height = (self._plane @ event.truth.position * 1e3).tolist()
+        self._points.append((event.at, travel, height, float(self._plane[1] @ event.truth.force)))
 
     def draw(self) -> NDArray[np.uint8]:
         """Return the picture, shape (height, width, 3)."""

@@ -100,6 +100,15 @@ def test_observation_equals_decoded_sample() -> None:
         assert values["in_contact"] == cycle.in_contact
 
 
+def test_truth_is_reported_on_request() -> None:
+    env = FollowEnv(config=NEAR, truth=True, beginnings=1)
+    _, info = env.reset(seed=1)
+    assert info["truth_force"][2] > 1.0
+    assert info["truth_position"] == pytest.approx([0.9, -0.1, 0.59], abs=2e-3)
+    env.close()
+    assert "truth_force" not in FollowEnv(config=NEAR, beginnings=1).reset(seed=1)[1]
+
+
 def test_guard_stop_ends_episode_and_is_recorded(tmp_path: Path) -> None:
     env = FollowEnv(surface={"stiffness_n_m": 1e5}, config=NEAR, speed_mm_s=11.0, keep=tmp_path)
     rewards, _, info = play(env, press, 1)
