@@ -43,8 +43,8 @@ SKIPPED_MAX = 50
 wrong.
 """
 BEGINNINGS = 16
-"""Default number of different beginnings of episodes. Chosen: sixteen snapshots of a streaming robot take about as much
-memory as a small data set, and sixteen draws cover a range of each setting. More of them take time and memory.
+"""Default number of different beginnings of episodes. Chosen: 16 snapshots of a streaming robot take half a gigabyte
+and up to a minute of processor time, and their draws spread over the range of each setting.
 """
 _NONE_YET = {"episodes": 0, "stops": 0, "skipped": 0}
 

@@ -106,7 +106,11 @@ class Snapshot:
         self._channel = self._cell.open_channel()
         self._episode = 0
         self._is_playing = False
-        arrival: Arrival = self._exchange(settings)
+        try:
+            arrival: Arrival = self._exchange(settings)
+        except BaseException:
+            self.close()
+            raise
         for text in arrival.warnings:
             warnings.warn(text, stacklevel=2)
         self._first = arrival.first
@@ -166,8 +170,9 @@ class Snapshot:
         except BaseException:  # an interrupt: the answer is still to come
             self.close()
             raise
-        if isinstance(answer, BaseException):
+        if isinstance(answer, ProcessLost):
             self.close()
+        if isinstance(answer, BaseException):
             raise answer
         return answer
 

@@ -207,7 +207,7 @@ def test_copy_of_user_process_does_not_end_episode() -> None:
     env.close()
 
 
-def test_records_are_available_until_next_reset() -> None:
+def test_records_are_available_until_next_reset(tmp_path: Path) -> None:
     results: list[Any] = []
 
     def keep(transition: Any) -> float:
@@ -218,6 +218,9 @@ def test_records_are_available_until_next_reset() -> None:
     play(env, gentle, 1)
     play(env, gentle)
     first, second = (result for result in results if result is not None)
+    second.save(tmp_path / "run.mcap")
+    with pytest.raises(ConfigError, match="already exists"):
+        second.save(tmp_path / "run.mcap")
     assert len(second.cycles) > 5
     assert second.figures
     assert second.traffic.robot
