@@ -1,6 +1,7 @@
 """Thinking time of a policy: its action takes effect later, while the previous one continues."""
 
 import math
+import runpy
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -147,6 +148,15 @@ def test_policy_file_thinks(tmp_path: Path) -> None:
     result.save(tmp_path / "run.mcap")
     replayed = CliRunner().invoke(cli, ["replay", str(tmp_path / "run.mcap")])
     assert replayed.exit_code == 0, replayed.output
+
+
+def test_thinking_curve_judges_policy(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path(__file__).resolve().parents[2] / "examples" / "policy"
+    monkeypatch.syspath_prepend(str(folder))
+    judge = runpy.run_path(str(folder / "thinking_curve.py"))["judge"]
+    completed, mean_return = judge((2.337, -0.758, -1.065), 20.0, [101])
+    assert completed == 1
+    assert -1.0 < mean_return < 0.0
 
 
 @pytest.mark.parametrize("thinking_ms", [-1.0, math.nan, "fast", {"from": 5.0, "to": 1.0}, {"at": 5.0}, True])
