@@ -5,6 +5,7 @@ import sys
 import warnings
 from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import aclosing, asynccontextmanager
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,6 +78,13 @@ class Result:
 
     def _repr_html_(self) -> str:
         return self.recording._repr_html_()
+
+    def with_records(self, records: KeptRecords | None) -> "Result":
+        """Return a copy of the result with other records; without records, the copy can be pickled."""
+        result = copy(self)
+        vars(result).pop("recording", None)
+        result._records = records  # type: ignore[assignment]
+        return result
 
     @cached_property
     def recording(self) -> Recording:
