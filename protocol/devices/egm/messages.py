@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 from google.protobuf.message import DecodeError
 
-from protocol.devices.egm import layout
 from protocol.devices.egm.schema import RobotWare, message_class
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.geometry import Quaternion, Vector, from_angles
@@ -168,8 +167,6 @@ def encode_robot(message: RobotMessage, version: RobotWare) -> bytes:
     """Encode a datagram as sent by a robot with this RobotWare version. Raises LocalProtocolError for a value that
     the version has no field for.
     """
-    if version is RobotWare.RW7 and (usual := _encode_usual_robot(message)):
-        return usual
     out = message_class("EgmRobot", version)()
     try:
         _head(out, message.seqno, message.tm_ms, MessageType.DATA)
@@ -204,8 +201,6 @@ def decode_robot(data: bytes) -> RobotMessage:
 
     Numbers are returned as sent, including NaN; the caller checks the pose.
     """
-    if usual := _decode_usual_robot(data):
-        return usual
     parsed = _parse(_ROBOT_7, data)
     header = parsed.header
     kind = header.mtype
@@ -243,8 +238,6 @@ def decode_robot(data: bytes) -> RobotMessage:
 
 def encode_answer(message: Answer) -> bytes:
     """Encode an answer as a datagram. Raises LocalProtocolError for a number that must not be sent to a robot."""
-    if usual := _encode_usual_answer(message):
-        return usual
     try:
         if isinstance(message, PathCorrection):
             _require_finite(message.offset_mm)
@@ -282,8 +275,6 @@ def decode_answer(data: bytes) -> Answer:
     Raises RemoteProtocolError for a datagram that no robot may use: it is damaged, incomplete or of another type,
     has an invalid number, or has too many numbers.
     """
-    if usual := _decode_usual_answer(data):
-        return usual
     parsed = _parse(_SENSOR, data)
     kind, header = parsed.header.mtype, parsed.header
     tm = header.tm if header.HasField("tm") else None
@@ -316,93 +307,6 @@ def has_external_axes(data: bytes) -> bool:
     """Return whether a valid answer has positions or speeds of external axes."""
     parsed = _parse(_SENSOR, data)
     return bool(parsed.planned.externalJoints.joints or parsed.speedRef.externalJoints.joints)
-
-
-# --- usual messages, without the schema; None for any other message
-
-
-def _encode_usual_robot(message: RobotMessage) -> bytes | None:
-    encoded = [layout.write_header(message.seqno, message.tm_ms, MessageType.DATA)]
-    try:
-        for first, place in ((layout.FEEDBACK, message.feedback), (layout.PLANNED, message.planned)):
-            if place is None or place.pose is None or place.time_us is None or place.external:
-                return None
-            numbers = (*place.joints_deg, *place.pose.position_mm, *place.pose.quaternion)
-            encoded.append(layout.write_place(first, numbers, place.time_us))
-        if message.dnum or (message.move_index or 0) >= layout.ONE_BYTE:
-            return None
-        states = message.motors, message.guidance, message.converged, message.rapid, message.force_control
-        rest = message.utilization_percent, message.move_index, message.collision, message.digital
-        encoded.append(layout.STATES.write((*states, *message.force, *rest)))  # raises an error for None
-    except layout.UNUSUAL:
-        return None
-    return b"".join(encoded)
-
-
-def _decode_usual_robot(data: bytes) -> RobotMessage | None:
-    try:
-        seqno, tm, kind, at = layout.read_header(data)
-        feedback, feedback_us, at = layout.read_place(data, at, layout.FEEDBACK)
-        planned, planned_us, at = layout.read_place(data, at, layout.PLANNED)
-        motors, guidance, converged, rapid, active, *rest = layout.STATES.read(data, at)
-        *force, utilization, move_index, collision, digital = rest
-        if at + layout.STATES.size != len(data) or kind != MessageType.DATA or tm is None:
-            return None
-        if max(converged, active, collision, digital) > 1 or move_index >= layout.ONE_BYTE:
-            return None
-        return RobotMessage(
-            seqno,
-            tm,
-            _usual_place(feedback, feedback_us),
-            _usual_place(planned, planned_us),
-            _MOTORS[motors],
-            _GUIDANCE[guidance],
-            _RAPID[rapid],
-            bool(converged),
-            tuple(force),
-            bool(active),
-            utilization,
-            move_index,
-            bool(collision),
-            bool(digital),
-        )
-    except layout.UNUSUAL:
-        return None
-
-
-def _usual_place(numbers: tuple[float, ...], time_us: int) -> Place:
-    a, b, c, d, e, f, x, y, z, u0, u1, u2, u3 = numbers
-    return Place((a, b, c, d, e, f), PoseMm((x, y, z), (u0, u1, u2, u3)), (), time_us)
-
-
-def _encode_usual_answer(message: Answer) -> bytes | None:
-    if not isinstance(message, SensorMessage) or (pose := message.pose) is None:
-        return None
-    numbers = (*pose.position_mm, *pose.quaternion)
-    has_more = message.joints_deg or message.joint_speed_deg_s or message.dnum or message.digital is not None
-    if has_more or not math.isfinite(sum(numbers) + sum(message.speed)):
-        return None
-    try:
-        header = layout.write_header(message.seqno, message.tm_ms, MessageType.CORRECTION)
-        speed = layout.SPEED.write(message.speed) if message.speed else b""
-        return header + layout.REFERENCE.write(numbers) + speed
-    except layout.UNUSUAL:
-        return None
-
-
-def _decode_usual_answer(data: bytes) -> SensorMessage | None:
-    try:
-        seqno, tm, kind, at = layout.read_header(data)
-        x, y, z, u0, u1, u2, u3 = numbers = layout.REFERENCE.read(data, at)
-        at, speed = at + layout.REFERENCE.size, ()
-        if at < len(data):
-            speed = layout.SPEED.read(data, at)
-            at += layout.SPEED.size
-    except layout.UNUSUAL:
-        return None
-    if at != len(data) or kind != MessageType.CORRECTION or not math.isfinite(sum(numbers) + sum(speed)):
-        return None
-    return SensorMessage(seqno, tm, PoseMm((x, y, z), (u0, u1, u2, u3)), (), speed)
 
 
 # --- parts
