@@ -145,7 +145,7 @@ def test_abandoned_environment_leaves_no_process() -> None:
     env.reset(seed=1)
     env.step(np.array([0.0]))
     assert processes_of_cells()
-    env.itself = env  # only the collector finds it
+    env.itself = env  # type: ignore[attr-defined]  # only the collector finds it
     del env
     gc.collect()
     assert not processes_of_cells()

@@ -83,7 +83,7 @@ def policy(observation: Any) -> Any:
 
 def play(env: FollowEnv) -> int:
     """Play an episode that has begun, and return the number of its steps."""
-    steps, over, observation = 0, False, np.zeros(1)
+    steps, over, observation = 0, False, np.zeros(1, np.float32)
     while not over:
         observation, _, terminated, truncated, _ = env.step(policy(observation))
         steps, over = steps + 1, terminated or truncated

@@ -24,7 +24,7 @@ Thinking: TypeAlias = float | Mapping[str, float] | Literal["measured"] | Record
 """Thinking time, ms: a number, a range `{"from": 5.0, "to": 30.0}` from which each decision draws, `"measured"` for
 the wall-clock time that the policy takes, or the times of a recording.
 """
-MEASURED = "measured"
+MEASURED: Literal["measured"] = "measured"
 RANGE_KEYS = {"from", "to"}
 SLACK_S = 1e-9
 """Largest time by which a cycle may begin before an action is due and still apply it, s: rounding errors of times."""
