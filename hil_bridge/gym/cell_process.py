@@ -21,6 +21,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.gym.channel import Channel
 from hil_bridge.gym.episode import Choice, Decision, EpisodeEnd, EpisodeRun, EpisodeSettings
 from hil_bridge.record.kept import KeptRecords
+from hil_bridge.runs.simulation import with_records
 
 BEGIN = "begin"
 """Request to a snapshot: play an episode."""
@@ -149,7 +150,7 @@ class _Player:
         """Return the last message of the run. The records stay in this process."""
         if end.result is not None:
             self._records = end.result._records
-            end = end._replace(result=end.result.with_records(None))
+            end = end._replace(result=with_records(end.result, None))
         return end if self.is_playing else self._arrival(end)
 
     def fetch(self, request: Request) -> object:

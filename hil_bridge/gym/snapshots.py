@@ -21,6 +21,7 @@ from hil_bridge.gym.channel import Channel
 from hil_bridge.gym.episode import Choice, Decision, EpisodeEnd, EpisodeSettings
 from hil_bridge.record.kept import KeptRecords
 from hil_bridge.record.reader import RawTraffic, Recording
+from hil_bridge.runs.simulation import with_records
 
 SUPPORTED = hasattr(os, "fork")
 """Whether this system can copy a process, and therefore keep snapshots."""
@@ -129,7 +130,7 @@ class Snapshot:
         answer: Decision | EpisodeEnd = self._exchange(choice)
         if isinstance(answer, EpisodeEnd) and answer.result is not None:
             records = cast(KeptRecords, _RemoteRecords(self, self._episode))
-            return answer._replace(result=answer.result.with_records(records))
+            return answer._replace(result=with_records(answer.result, records))
         return answer
 
     def fetch(self, episode: int, request: Request) -> Any:

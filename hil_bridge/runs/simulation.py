@@ -79,13 +79,6 @@ class Result:
     def _repr_html_(self) -> str:
         return self.recording._repr_html_()
 
-    def with_records(self, records: KeptRecords | None) -> "Result":
-        """Return a copy of the result with other records; without records, the copy can be pickled."""
-        result = copy(self)
-        vars(result).pop("recording", None)
-        result._records = records  # type: ignore[assignment]
-        return result
-
     @cached_property
     def recording(self) -> Recording:
         """Recording as `hil-bridge run --record` writes it and `hil_bridge.read` reads it."""
@@ -141,6 +134,14 @@ class Result:
         """
         self._records.save(Path(path), overwrite)
         return Path(path)
+
+
+def with_records(result: Result, records: KeptRecords | None) -> Result:
+    """Return a copy of a result with other records; without records, the copy can be pickled."""
+    other = copy(result)
+    vars(other).pop("recording", None)
+    other._records = records  # type: ignore[assignment]
+    return other
 
 
 class OpenDevices:

@@ -18,7 +18,7 @@ from tests.emulation.quiet_sensor import QUIET
 T0 = VIRTUAL_EPOCH
 PERIOD = 1e-3
 STREAMED = {
-    "run": {"duration_s": 1.0, "seed": 7},
+    "run": {"duration_s": 0.2, "seed": 7},
     "robot": {"emulated": "egm"},
     "sensor": {"emulated": "netft"},
 }
