@@ -8,6 +8,7 @@ sensor measures the wrench that surface, gravity and the unbalance of a spindle 
 the surface gives a negative Fz.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar
@@ -152,8 +153,10 @@ class Cell(Generic[Robot, Sensor]):
             self._surface = Contact(profile.surface, self._on_surface_change, face)
         else:
             self._surface = parts.surface(self._on_surface_change)
-            if face is not None and self.has_memory:
-                raise ValueError(FACE_NEEDS_NO_MEMORY)
+        self.has_memory = self._surface.remembered_until is not None
+        """Whether the force depends on the past. True states must then be read before the surface discards them."""
+        if face is not None and self.has_memory and parts.surface is not None:
+            raise ValueError(FACE_NEEDS_NO_MEMORY)
         self._refuse_buried((x, y, z))
         self._tried_surface: Surface | None = None
         self._advanced_surface: Surface | None = None
@@ -162,6 +165,8 @@ class Cell(Generic[Robot, Sensor]):
         self._load = ToolLoad(self.robot.path, now, face, self._obstacles, parts.surface is not None)
         self._spindle = Spindle(profile.tool, now, seed) if profile.tool.spindle_rpm > 0.0 else None
         self._load.spindle = self._spindle
+        self._is_simple = face is None and self._spindle is None and not self.has_memory
+        """Whether surface and tool exert one force, without memory."""
         self._moment_of_tip = moment_matrix((0.0, 0.0, length))
         u, v, w = profile.tool.centre_of_gravity_mm
         self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
@@ -233,8 +238,7 @@ class Cell(Generic[Robot, Sensor]):
     @property
     def _has_plain_load(self) -> bool:
         """Whether the load on the tool is one force, that of a surface without memory."""
-        is_plain = self._load.is_of_point and not self.has_memory and self._spindle is None
-        return is_plain and not self._obstacles.any
+        return self._is_simple and not self._obstacles.any
 
     def _accept_motion(self) -> None:
         """Accept the motion of the last trial: continue with the surface that has received this motion."""
@@ -285,21 +289,22 @@ class Cell(Generic[Robot, Sensor]):
 
         `times` (n,) are in ascending order, s.
         """
-        wrenches = np.empty((6, len(times)))
         if not len(times):
-            return wrenches.T
+            return np.empty((0, 6))
         remembered = self._surface.remembered_until
         if remembered is not None and remembered >= times[0]:
             self._surface.rewind(float(times[0]))
-        load = self._contact_load(self._surface, times)
-        forces, moments = load.force.T, None if load.moment is None else load.moment.T
+        force, moment = self._contact_load(self._surface, times)
+        parts = []
         for part, quaternion in self.path.orientations(times):
             if quaternion != self._orientation:
                 self._turn(quaternion)
-            np.matmul(self._force_to_wrench, forces[:, part], out=wrenches[:, part])
-            wrenches[:, part] += self._weight_wrench
-            if moments is not None:
-                wrenches[3:, part] += self._rotation.T @ moments[:, part]
+            wrench = self._force_to_wrench @ force[part].T
+            wrench += self._weight_wrench
+            if moment is not None:
+                wrench[3:] += self._rotation.T @ moment[part].T
+            parts.append(wrench)
+        wrenches = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         if self._spindle is not None:
             wrenches += self._spindle.wrench(times)
         return wrenches.T
@@ -328,22 +333,24 @@ class Cell(Generic[Robot, Sensor]):
         # A copy, because reading the true state must not change the sensor's samples.
         surface = self._surface.aside()
         forces = self._contact_load(surface, at, count=False).force
-        normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
+        normals: list[Vector | None] = [None] * len(at)
+        if isinstance(surface, ShapedSurface):
+            rows = surface.normals(positions, at)
+            normals = [None if any(map(math.isnan, row)) else row for row in _vectors(rows)]
         quaternions = [q for part, q in self.path.orientations(at) for _ in range(part.start, part.stop)]
-        undeflected, rotations = positions, None  # position of a rigid arm, which the encoders measure
+        undeflected = positions  # position of a rigid arm, which the encoders measure
         if isinstance(self.path, CompliantPath):
-            undeflected, rotations = self.robot.path.trajectory(at)[0], self.path.rotations(at)
-        states = []
-        for k, time in enumerate(times):
-            position, quaternion = _vector(positions[k]), quaternions[k]
-            joints = self.robot.joints_holding(Pose(_vector(undeflected[k]), quaternion), time)
-            if rotations is not None:
-                quaternion = normalise(product((1.0, *(0.5 * rotations[k]).tolist()), quaternion))
-            normal = None if normals is None or np.isnan(normals[k]).any() else _vector(normals[k])
-            deflection = _vector(positions[k] - undeflected[k])
-            motion = position, _vector(velocities[k]), quaternion
-            states.append(TrueState(*motion, _vector(forces[k]), joints, normal, deflection))
-        return states
+            undeflected = self.robot.path.trajectory(at)[0]
+        joints = [
+            self.robot.joints_holding(Pose(position, quaternion), time)
+            for position, quaternion, time in zip(_vectors(undeflected), quaternions, times, strict=True)
+        ]
+        if isinstance(self.path, CompliantPath):
+            turns = zip(self.path.rotations(at).tolist(), quaternions, strict=True)
+            quaternions = [normalise(product((1.0, 0.5 * x, 0.5 * y, 0.5 * z), q)) for (x, y, z), q in turns]
+        vectors = (_vectors(rows) for rows in (positions, velocities, forces, positions - undeflected))
+        motion = zip(*vectors, quaternions, joints, normals, strict=True)
+        return [TrueState(p, v, q, force, j, n, d) for p, v, force, d, q, j, n in motion]
 
     def contact_forces(self, times: Floats) -> Floats:
         """Return the force of surface and obstacles on the tool (n, 3), base frame, N.
@@ -351,24 +358,32 @@ class Cell(Generic[Robot, Sensor]):
         It varies with the run-out of a spindle. The force of its unbalance is not included. `times` (n,) are
         in ascending order, s.
         """
-        return self._contact_load(self._surface.aside(), times, count=False).force
+        if (solved := self._solved_path) is not None:
+            return solved.contact_forces(times)
+        return self._load.at(self._surface.aside(), times, count=False).force
 
     def _contact_load(self, surface: Surface, times: Floats, count: bool = True) -> ContactLoad:
-        """Return the load of the contact on the tool at `times` (n,) in ascending order, s.
+        """Return the load of the contact on the tool at `times` (n,) in ascending order, s."""
+        if (solved := self._solved_path) is not None:
+            return ContactLoad(solved.contact_forces(times), None)
+        return self._load.at(surface, times, count)
 
-        It is interpolated between the points at which the motion of a compliant arm was solved, unless these points
-        do not give it: for a face, which has a moment, for a surface with memory, for a tool with a spindle, whose
+    @property
+    def _solved_path(self) -> CompliantPath | None:
+        """Path of a compliant arm's tool if the points at which it was solved give the contact force.
+
+        They do not for a face, which has a moment, for a surface with memory, for a tool with a spindle, whose
         unbalance they contain, and while samples are counted. A plug-in with faults counts its samples itself.
         """
         path, own = self.path, self._surface
+        if not isinstance(path, CompliantPath) or not self._has_plain_load:
+            return None
         is_counted = own.faults.faulty if isinstance(own, Contact) else bool(own.handlers)
-        if isinstance(path, CompliantPath) and self._has_plain_load and not is_counted:
-            return ContactLoad(path.contact_forces(times), None)
-        return self._load.at(surface, times, count)
+        return None if is_counted else path
 
     def _contact_at(self, time: float) -> Vector:
         """Return the contact force at a past time, s, or at the earliest time that is still available."""
-        return _vector(self.contact_forces(np.array([self.truth_available_from(time)]))[0])
+        return _vectors(self.contact_forces(np.array([self.truth_available_from(time)])))[0]
 
     def truth_available_from(self, time: float) -> float:
         """Return the earliest time, not before `time`, for which the true state is still available, s.
@@ -383,12 +398,6 @@ class Cell(Generic[Robot, Sensor]):
         """Material that the tool has removed from the surface so far; None if the surface does not wear."""
         return self._surface.removed if isinstance(self._surface, Contact) else None
 
-    @property
-    def has_memory(self) -> bool:
-        """Whether the force depends on the past. True states must then be read before the surface discards them."""
-        return self._surface.remembered_until is not None
 
-
-def _vector(row: Floats) -> Vector:
-    x, y, z = row.tolist()
-    return x, y, z
+def _vectors(rows: Floats) -> list[Vector]:
+    return [(x, y, z) for x, y, z in rows.tolist()]

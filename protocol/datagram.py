@@ -23,7 +23,7 @@ class Datagram(bytes):
         side: Hashable = None,
     ) -> "Datagram":
         """Create a datagram from `bytes`, an arrival time and a peer."""
-        datagram = super().__new__(cls, data)
+        datagram = bytes.__new__(cls, data)
         datagram.received_at = received_at
         datagram.side = side
         return datagram
@@ -31,8 +31,8 @@ class Datagram(bytes):
 
 def arrived_at(datagram: bytes, now: float) -> float:
     """Return the arrival time of a datagram, s: its time stamp, or `now` if it has none."""
-    at = getattr(datagram, "received_at", math.nan)
-    return now if math.isnan(at) else at
+    at: float = getattr(datagram, "received_at", now)
+    return at if at == at else now
 
 
 def side_of(datagram: bytes) -> Hashable:

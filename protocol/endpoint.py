@@ -67,3 +67,10 @@ class Endpoint(Protocol[DataIn, DataOut, Event]):
 
     def handle_deadline(self, now: float) -> None:
         """Handle every deadline up to and including `now`. Does nothing if no deadline has passed."""
+
+
+class Deferrable(Protocol):
+    """Device whose deadlines may be handled late and together: its data have time stamps of their own."""
+
+    def last_deadline(self, until: float) -> float:
+        """Return the time of its last deadline up to `until`, s; any time up to `until` if there is none."""

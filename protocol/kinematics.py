@@ -203,7 +203,9 @@ class Arm:
         none.
         """
         low, high = self._ranges[axis]
-        angle += _TURN * round((near[axis] - angle) / _TURN)
+        turns = (near[axis] - angle) / _TURN
+        if not -0.5 <= turns <= 0.5:
+            angle += _TURN * round(turns)
         if angle > high:
             angle -= _TURN
         elif angle < low:

@@ -49,8 +49,8 @@ _SHIFTS = np.zeros((7, 2, 3))
 _SHIFTS[1:4, 0] = _POSITION_STEP_M * np.eye(3)
 _SHIFTS[4:7, 1] = _VELOCITY_STEP_M_S * np.eye(3)
 _KEPT = 24_000
-"""Number of grid points that are kept. Chosen: more than the ten seconds of an arm's path on the finest grid use at
-once.
+"""Number of grid points that are kept at least. Chosen: more than the ten seconds of an arm's path on the finest grid
+use at once.
 """
 _NEAR_M, _NEAR_RAD = 2e-3, 0.01
 """Displacement and rotation of the tool after which the compliance is computed again, m and rad. Chosen."""
@@ -131,12 +131,12 @@ class CompliantPath:
         self.on_change: Callable[[float], object] = _unread
         """Callback for the time from which the path differs from the path that could be read before, s."""
         path.on_change = self._on_path_change
-        self._bearing: Bearing | None = None
-        self._borne_at: tuple[Floats, Quaternion] = np.full(3, math.inf), (1.0, 0.0, 0.0, 0.0)
+        self._bearing = Bearing(np.zeros((6, 6)), np.zeros(6))
+        self._borne_at: tuple[Floats, Quaternion] = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
         """Position, m, and orientation of the rigid arm for which the bearing was computed."""
-        self._rows = np.zeros((_KEPT, 12))
-        """Of each grid point: deflection, deflection velocity, contact force, and mean velocity of the rigid arm since
-        the point before. The deflection velocity is relative to that velocity.
+        self._rows = np.zeros((2 * _KEPT, 15))
+        """Of each grid point from `_oldest` on: deflection, deflection velocity, contact force, mean velocity of the
+        rigid arm since the point before, and its position. The deflection velocity is relative to that mean velocity.
         """
         self._linear: Floats | None = None
         """Matrix for the contact that was linearised last, which maps the error of its force to the correction."""
@@ -189,18 +189,21 @@ class CompliantPath:
 
         `times` (n,) are in ascending order, s. For a surface without memory.
         """
-        self._extend(float(times[0]), float(times[-1]))
-        at = (times - self._origin) / self._step
-        points = self._points_before(at)
-        share = np.maximum(at - points, 0.0)
-        here = self._rows[points % _KEPT, 6:9]
-        there = self._rows[np.minimum(points + 1, self._newest) % _KEPT, 6:9]
-        forces: Floats = here + share[:, None] * (there - here)
-        if at[-1] > self._newest + _ON_GRID:
-            ahead = int(np.searchsorted(at, self._newest + _ON_GRID))
+        begin, end = float(times[0]), float(times[-1])
+        self._extend(begin, end)
+        oldest, newest = self._oldest, self._newest
+        first = min(max(self._point_before(begin), oldest), newest)
+        last = min(max(self._point_before(end) + 1, oldest), newest)
+        points = np.arange(first, last + 1, dtype=np.float64)
+        at, known = (times - self._origin) / self._step, self._rows[first - oldest : last + 1 - oldest]
+        forces = np.empty((3, len(times)))
+        for axis in range(3):
+            forces[axis] = np.interp(at, points, known[:, 6 + axis])
+        if at[-1] > newest + _ON_GRID:
+            ahead = int(np.searchsorted(at, newest + _ON_GRID))
             late = times[ahead:]
-            forces[ahead:] = self._contact.force(late, *self.trajectory(late))
-        return forces
+            forces[:, ahead:] = self._contact.force(late, *self.trajectory(late)).T
+        return forces.T
 
     def rotations(self, times: Floats) -> Floats:
         """Return the rotation of the tool due to contact and weight (n, 3), rad, base frame.
@@ -209,10 +212,11 @@ class CompliantPath:
         """
         self._extend(float(times[0]), float(times[-1]))
         bearing = self._bearing
-        assert bearing is not None, "the path has begun"
         at = (times - self._origin) / self._step
         points = self._points_before(np.round(at))
-        rotations: Floats = self._rows[points % _KEPT, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
+        rotations: Floats = (
+            self._rows[points - self._oldest, 6:9] @ bearing.compliance[3:, :3].T + bearing.sag[3:]
+        )
         return rotations
 
     def rewind(self, time: float) -> None:
@@ -234,20 +238,19 @@ class CompliantPath:
         at = (times - self._origin) / step
         points = self._points_before(at)
         since = np.maximum((at - points) * step, 0.0)
-        here, there = rows[points % _KEPT], rows[np.minimum(points + 1, self._newest) % _KEPT]
-        s, rigid = (since / step)[:, None], there[:, 9:].copy()
-        after_jump = here[:, 3:6] + here[:, 9:] - rigid
+        here, there = rows[points - self._oldest], rows[np.minimum(points + 1, self._newest) - self._oldest]
+        s, rigid = (since / step)[:, None], there[:, 9:12].copy()
+        after_jump = here[:, 3:6] + here[:, 9:12] - rigid
         a, b, va, vb = here[:, :3], there[:, :3], after_jump * step, there[:, 3:6] * step
         bend, twist = 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb
         offset = a + s * (va + s * (bend + s * twist))
         drift = (va + s * (2.0 * bend + 3.0 * s * twist)) / step
         ahead = np.flatnonzero(points >= self._newest)
         if len(ahead):
-            newest, duration, bearing = rows[self._newest % _KEPT], since[ahead], self._bearing
-            assert bearing is not None, "the path has begun"
+            newest, duration, bearing = self._newest_row, since[ahead], self._bearing
             pull = self._mode.stiffness * (bearing.compliance[:3, :3] @ newest[6:9] + bearing.sag[:3])
             rigid[ahead] = velocities[ahead]
-            after_jump = newest[3:6] + newest[9:] - rigid[ahead]
+            after_jump = newest[3:6] + newest[9:12] - rigid[ahead]
             matrix, held = self._mode.transition(duration)
             for row, out in ((0, offset), (1, drift)):
                 out[ahead] = (
@@ -256,6 +259,12 @@ class CompliantPath:
                     + np.outer(held[row], pull)
                 )
         return offset, rigid + drift
+
+    @property
+    def _newest_row(self) -> Floats:
+        """Row (15,) of the newest grid point."""
+        row: Floats = self._rows[self._newest - self._oldest]
+        return row
 
     def _point_before(self, time: float) -> int:
         """Return the number of the newest grid point that is not after a time, s."""
@@ -266,10 +275,9 @@ class CompliantPath:
         points: NDArray[np.int_] = (steps + _ON_GRID).astype(int)
         return np.minimum(np.maximum(points, self._oldest), self._newest)
 
-    def _before(self, times: Floats) -> Floats:
-        """Return the times at which the path of the arm is read for grid points, s."""
-        before: Floats = np.maximum(times - _BEFORE_S, self._origin)
-        return before
+    def _times(self, first: int, count: int) -> Floats:
+        """Return the times (count,) of the grid points from number `first` on, s."""
+        return self._origin + np.arange(first, first + count, dtype=np.float64) * self._step
 
     def _extend(self, begin: float, end: float) -> None:
         """Compute every grid point up to `end`, s, unless the contact reads the path while a point is computed."""
@@ -281,62 +289,84 @@ class CompliantPath:
             self._start(max(min(self._point_before(begin), last - gap), 0))
         while self._newest < last:
             point, points = self._newest, min(POINTS, last - self._newest)
-            times = self._origin + np.arange(point, point + points + 1, dtype=np.float64) * self._step
-            positions, _ = self._path.trajectory(self._before(times))
+            times = self._times(point + 1, points) - _BEFORE_S
+            positions, _ = self._path.trajectory(times)
             if self._newest == point:  # an arm that senses its contact may have rewound the path
                 self._is_solving = True
-                self._solve(times, positions)
+                far = self._first_far(times, positions)
+                self._solve(positions[: far + 1])
+                if self._newest == point + far + 1:
+                    self._bear(times[far : far + 1], positions[far])
                 self._is_solving = False
 
     def _start(self, point: int) -> None:
         """Start in equilibrium at a grid point."""
-        time = np.array([self._origin + point * self._step])
-        positions, velocities = self._path.trajectory(self._before(time))
-        bearing, _ = self._borne(time, positions)
-        compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
-        offset = bearing.sag[:3].copy()
+        time = self._times(point, 1)
+        before = np.maximum(time - _BEFORE_S, self._origin)
+        positions, velocities = self._path.trajectory(before)
+        self._bear(before, positions[0])
+        compliance, sag, still = self._bearing.compliance[:3, :3], self._bearing.sag[:3], np.zeros((1, 3))
+        offset = sag.copy()
         for _ in range(_ITERATIONS):
             force, (by_position, _) = self._linearise(time, positions + offset, still)
-            error = compliance @ force[0] + bearing.sag[:3] - offset
+            error = compliance @ force[0] + sag - offset
             offset += np.linalg.solve(np.eye(3) - compliance @ by_position[0], error)
         force = self._contact.force(time, positions + offset, still)
         self._oldest = self._newest = point
-        self._rows[point % _KEPT] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0]]
+        self._rows[0] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0], *positions[0]]
         self._begun = True
 
-    def _borne(self, times: Floats, positions: Floats) -> tuple[Bearing, int]:
-        """Return compliance and sag near the first of these positions of the rigid arm, m, and times, s.
+    def _bear(self, time: Floats, position: Floats) -> None:
+        """Compute the bearing for the rigid arm at a time (1,), s, when it is at this position (3,), m."""
+        self._bearing = self._bearing_at(float(time[0]))
+        self._borne_at = position, self._path.orientations(time)[0][1]
+        self._linear = self._plane = None
 
-        The second result is the number of samples up to the first, or up to the next for which the bearing must be
-        computed again, including this one. The compliance thus changes at the same points, whatever the blocks are.
+    def _first_far(self, times: Floats, positions: Floats) -> int:
+        """Return the index of the first of these points at which the bearing must be computed again.
+
+        Without such a point, it is their number. `positions` (n, 3) are those of the rigid arm at `times` (n,), s. A
+        block ends at such a point, so the compliance changes at the same points, whatever the blocks are.
         """
-        far = self._is_far(times, positions)
-        if self._bearing is None or far[0]:
-            time = self._before(times[:1])
-            self._bearing = self._bearing_at(float(time[0]))
-            self._borne_at = positions[0], self._path.orientations(time)[0][1]
-            self._linear = self._plane = None
-            far = self._is_far(times, positions)
-        later = far[1:]
-        return self._bearing, int(np.argmax(later)) + 2 if later.any() else len(times)
-
-    def _is_far(self, times: Floats, positions: Floats) -> NDArray[np.bool_]:
-        """Return for which of these times the bearing must be computed again."""
         place, quaternion = self._borne_at
-        far: NDArray[np.bool_] = np.abs(positions - place).max(axis=1) > _NEAR_M
-        for part, turned in self._path.orientations(self._before(times)):
+        distances = np.abs(positions - place)
+        far = [len(times)]
+        if distances.max() > _NEAR_M:
+            far.append(int(np.argmax(distances.max(axis=1) > _NEAR_M)))
+        for part, turned in self._path.orientations(times):
             if turned != quaternion and angle_between(turned, quaternion) > _NEAR_RAD:
-                far[part] = True
-        return far
+                far.append(part.start)
+        return min(far)
 
-    def _solve(self, times: Floats, positions: Floats) -> None:
-        """Compute the points at times[1:], or at least the first of them."""
-        start = self._rows[self._newest % _KEPT]
-        bearing, end = self._borne(times, positions)
-        times, positions = times[:end], positions[:end]
-        velocities = (positions[1:] - positions[:-1]) / self._step
-        compliance = self._mode.stiffness * bearing.compliance[:3, :3]
-        points, grid = end - 1, self._responses
+    def _solve(self, positions: Floats) -> None:
+        """Compute the next points, or at least the first of them, for these positions (n, 3) of the rigid arm, m."""
+        start = self._newest_row
+        if (law := self._contact.plane()) is not None:
+            self._store(positions, self._contact_with(law).motion(start, positions))
+            return
+        block = self._free_motion(start, positions)
+        if not start[6:9].any():
+            force = self._contact.force(
+                block.times, block.positions + block.base[0], block.velocities + block.base[1]
+            )
+            if not force.any():
+                self._note(block, block.base, force)
+                return
+        elif self._solve_as_linear(block.first(min(len(positions), _SOME_POINTS)), start[6:9]):
+            return
+        points = min(len(positions), _FEW_POINTS)
+        while not self._solved(block.first(points), start[6:9], points == 1):
+            points = (points + 1) // 2
+
+    def _free_motion(self, start: Floats, positions: Floats) -> Block:
+        """Return the block of the next points, without contact at these points.
+
+        `start` (15,) is the row of the newest point, and `positions` (n, 3) are those of the rigid arm.
+        """
+        places = np.concatenate((start[None, 12:], positions))
+        velocities = (places[1:] - places[:-1]) / self._step
+        compliance = self._mode.stiffness * self._bearing.compliance[:3, :3]
+        points, grid = len(velocities), self._responses
         matrix = self._without_contact.get(points)
         if matrix is None:
             matrix = grid.without_contact(points)
@@ -345,45 +375,20 @@ class CompliantPath:
         known = np.empty((points + 4, 3))
         known[:2] = start[:6].reshape(2, 3)
         known[2] = compliance @ start[6:9]
-        known[3] = self._mode.stiffness * bearing.sag[:3]
-        known[4] = velocities[0] - start[9:]
+        known[3] = self._mode.stiffness * self._bearing.sag[:3]
+        known[4] = velocities[0] - start[9:12]
         known[5:] = velocities[1:] - velocities[:-1]
-        base = matrix @ known
-        block = Block(
-            base,
-            grid.forced[:, :points, 1 : points + 1],
-            compliance,
-            times[1:],
-            positions[1:],
-            velocities,
-        )
-        if (law := self._contact.plane()) is not None:
-            self._solve_on_plane(block, law, is_free=not start[6:9].any())
-            return
-        if not start[6:9].any():
-            force = self._contact.force(block.times, block.positions + base[0], block.velocities + base[1])
-            if not force.any():
-                self._note(block, base, force)
-                return
-        elif self._solve_as_linear(block.first(min(points, _SOME_POINTS)), start[6:9]):
-            return
-        points = min(points, _FEW_POINTS)
-        while not self._solved(block.first(points), start[6:9], points == 1):
-            points = (points + 1) // 2
+        forced = grid.forced[:, :points, 1 : points + 1]
+        times = self._times(self._newest + 1, points)
+        return Block(matrix @ known, forced, compliance, times, positions, velocities)
 
-    def _solve_on_plane(self, block: Block, law: PlaneLaw, is_free: bool) -> None:
-        """Solve a block for a tool that may touch a plane.
-
-        `is_free` states that it does not touch it at the last solved point.
-        """
+    def _contact_with(self, law: PlaneLaw) -> PlaneContact:
+        """Return the contact of the tool with a plane on the present bearing."""
         if self._plane is None or law is not self._law:
-            self._plane, self._law = PlaneContact(law, self._responses, block.compliance), law
-        positions = block.positions + block.base[0]
-        if is_free and self._plane.is_free(positions):
-            self._note(block, block.base, np.zeros_like(positions))
-            return
-        forces = self._plane.forces(positions, block.velocities + block.base[1])
-        self._note(block, block.response(forces), forces)
+            compliance = self._mode.stiffness * self._bearing.compliance[:3, :3]
+            self._plane = PlaneContact(law, self._responses, compliance, self._bearing.sag[:3])
+            self._law = law
+        return self._plane
 
     def _solve_as_linear(self, block: Block, force: Floats) -> bool:
         """Solve a block whose contact stays nearly linear; return whether the iteration converges.
@@ -476,9 +481,17 @@ class CompliantPath:
 
     def _note(self, block: Block, moved: Floats, force: Floats) -> None:
         """Store the points of a block: deflections and velocities (2, n, 3), forces (n, 3)."""
-        count = len(force)
-        rows = (self._newest + 1 + np.arange(count)) % _KEPT
-        self._rows[rows] = np.concatenate((moved[0], moved[1], force, block.velocities), axis=1)
+        motion = np.concatenate((moved[0], moved[1], force, block.velocities), axis=1)
+        self._store(block.positions, motion)
+
+    def _store(self, positions: Floats, motion: Floats) -> None:
+        """Store the next points: positions of the rigid arm (n, 3), and the other columns of the rows (n, 12)."""
+        count = len(motion)
+        begin = self._newest + 1 - self._oldest
+        if begin + count > len(self._rows):  # keep the newer half
+            self._rows[:_KEPT] = self._rows[begin - _KEPT : begin]
+            self._oldest, begin = self._newest + 1 - _KEPT, _KEPT
+        self._rows[begin : begin + count, :12] = motion
+        self._rows[begin : begin + count, 12:] = positions
         self._newest += count
-        self._oldest = max(self._oldest, self._newest - _KEPT + 1)
         self._contact.keep()

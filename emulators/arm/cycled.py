@@ -44,6 +44,8 @@ class CycledPath:
         """Tool pose at the end of the current cycle."""
         self.on_change: Callable[[float], object] = _unread
         self.accepted = 0
+        self._next_at = powered_at + period
+        """Time at which the next cycle begins, s."""
         self._begun = 0
         self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._size = math.ceil(_PAST_S / period) + 2
@@ -87,19 +89,21 @@ class CycledPath:
 
     def advance(self, now: float) -> None:
         """Compute all cycles that begin by `now`."""
-        while self.cycle_at(self.cycle + 1) <= now + ROUNDING_S:
+        while self._next_at <= now + ROUNDING_S:
+            at = self._next_at
             self.cycle += 1
+            self._next_at = self.cycle_at(self.cycle + 1)
             self.pose = self.next_pose
-            self.next_pose = self._step(self.cycle_at(self.cycle))
+            self.next_pose = self._step(at)
             row = self.cycle % self._size
-            here, there = self.pose.position, self.next_pose.position
-            self._places[row] = here
-            self._speeds[row] = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
+            (x, y, z), (u, v, w), period = self.pose.position, self.next_pose.position, self._period
+            self._places[row] = x, y, z
+            self._speeds[row] = (u - x) / period, (v - y) / period, (w - z) / period
             self._turns[row] = self.pose.quaternion
 
     def committed_until(self, now: float) -> float:
         self.advance(now)
-        return max(self.cycle_at(self.cycle + 1) - ROUNDING_S, now)
+        return max(self._next_at - ROUNDING_S, now)
 
     def predicted_until(self, now: float) -> float:
         return self.committed_until(now)
@@ -109,44 +113,32 @@ class CycledPath:
         cycle, newest = math.floor((time - self._powered_at) / self._period + ROUNDING_S), self.cycle
         return newest if cycle >= newest else max(cycle, newest - self._size + 1, 0)
 
-    def _stretches(self, times: Floats) -> list[tuple[int, slice]]:
-        """Return, in order, the cycles that contain these ascending times.
+    def _cycles_of(self, times: Floats) -> Floats:
+        """Return the numbers of the cycles that contain these times (n,), limited to the cycles that are kept."""
+        cycles: Floats = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
+        oldest = max(self.cycle - self._size + 1, 0)
+        return np.minimum(np.maximum(cycles, oldest, out=cycles), self.cycle, out=cycles)
 
-        Each cycle has the slice of times that it contains.
-        """
+    def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
+        self.advance(float(times[-1]) - ROUNDING_S)
+        cycles = self._cycles_of(times)
+        rows = cycles.astype(int) % self._size
+        since = times - (self._powered_at + cycles * self._period)
+        since = np.minimum(np.maximum(since, 0.0, out=since), self._period, out=since)
+        speeds = self._speeds[rows]
+        return self._places[rows] + speeds * since[:, None], speeds
+
+    def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
         self.advance(float(times[-1]) - ROUNDING_S)
         first, last = self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
         if first == last:  # the usual case: no cycle after the current one is known
-            return [(first, slice(0, len(times)))]
-        cycles = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
-        edges = cycles.searchsorted(tuple(range(first + 1, last + 1))).tolist()
-        return [
-            (first + number, slice(begin, end))
-            for number, (begin, end) in enumerate(pairwise((0, *edges, len(times))))
-            if begin < end
-        ]
-
-    def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        stretches = self._stretches(times)
-        if len(stretches) == 1:
-            return self._straight(stretches[0][0], times)
-        parts = [self._straight(cycle, times[part]) for cycle, part in stretches]
-        positions, speeds = zip(*parts, strict=True)
-        return np.concatenate(positions), np.concatenate(speeds)
-
-    def _straight(self, cycle: int, times: Floats) -> tuple[Floats, Floats]:
-        """Return positions and velocities (n, 3) at these times (n,), which are all in one cycle."""
-        row, speeds = cycle % self._size, np.empty((len(times), 3))
-        speeds[:] = self._speeds[row]
-        since = times - self.cycle_at(cycle)
-        since = np.minimum(np.maximum(since, 0.0, out=since), self._period, out=since)
-        return self._places[row] + speeds * since[:, None], speeds
-
-    def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
+            return [(slice(0, len(times)), self._turns[first % self._size])]
+        edges = self._cycles_of(times).searchsorted(np.arange(first + 1, last + 1)).tolist()
         stretches: list[tuple[slice, Quaternion]] = []
-        for cycle, part in self._stretches(times):
-            orientation = self._turns[cycle % self._size]
-            if stretches and stretches[-1][1] == orientation:
-                part = slice(stretches.pop()[0].start, part.stop)
-            stretches.append((part, orientation))
+        for cycle, (begin, end) in enumerate(pairwise((0, *edges, len(times))), first):
+            if begin < end:
+                orientation = self._turns[cycle % self._size]
+                if stretches and stretches[-1][1] == orientation:
+                    begin = stretches.pop()[0].start
+                stretches.append((slice(begin, end), orientation))
         return stretches

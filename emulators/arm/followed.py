@@ -130,7 +130,7 @@ class _FollowedServo:
         """Advance the three axes by one tick, then apply their new set points."""
         a, b, c, d = self.mechanics.over_a_tick
         before = zip(self.at, self._input, self._error, self._velocity, strict=True)
-        self._input, self._error, self._velocity = [], [], []
+        axes = []
         self.resting = True
         for set_point, pulled_to, error, velocity in before:
             position = pulled_to + a * error + b * velocity
@@ -140,9 +140,8 @@ class _FollowedServo:
                 pull, error, velocity = position, 0.0, 0.0
             else:
                 self.resting = False
-            self._input.append(pull)
-            self._error.append(error)
-            self._velocity.append(velocity)
+            axes.append((pull, error, velocity))
+        self._input, self._error, self._velocity = map(list, zip(*axes, strict=True))
 
 
 class FollowedArm:

@@ -49,6 +49,8 @@ class Responses(NamedTuple):
     """Response to a jump of the velocity at each point, from the current point on, (2, n, n)."""
     settled: Floats
     """Response to an acceleration that is constant from the current point on, (2, n)."""
+    step: float
+    """Time between two points, s."""
 
     def without_contact(self, points: int) -> Floats:
         """Return the matrix (2, points, points + 4) of the motion if no force acts at these points.
@@ -105,7 +107,7 @@ def responses(mode: Mode, step: float) -> Responses:
         power = matrix @ power
         jumped[:, rows, rows - gap] = power[:, 1, None]
         free[gap], settled[:, gap] = power, total
-    return Responses(free.transpose(1, 0, 2), forced, jumped, settled)
+    return Responses(free.transpose(1, 0, 2), forced, jumped, settled, step)
 
 
 def coupling_matrix(forced: Floats, by_position: Floats, by_velocity: Floats) -> Floats:

@@ -3,10 +3,13 @@
 The force at the end of a step is that of the law for the motion at the end of this step. For a given ratio g of
 friction to sliding velocity, the step is linear in the force; g is found by the secant method, and by bisection where
 that leaves the bracket. The general solution in `emulators.arm.compliant_path` gives the same motion, and takes ten
-times as long.
+times as long. Above the surface, a step has no force. The steps are computed in Python, because a robot's cycle has few
+of them.
 """
 
 import math
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,27 +23,33 @@ _ITERATIONS = 40
 _NO_FORCE = (0.0, 0.0, 0.0)
 
 
-class PlaneContact:
-    """Contact of the tool with a plane. Its frame has the surface's normal as its first axis."""
+_Triple: TypeAlias = tuple[float, float, float]
 
-    def __init__(self, law: PlaneLaw, responses: Responses, compliance: Floats) -> None:
-        """`compliance` is the acceleration per unit of force (3, 3), 1/kg, base frame."""
-        self._law = law
+
+class PlaneContact:
+    """Motion of the tool above and against a plane. Its frame has the surface's normal as its first axis."""
+
+    def __init__(self, law: PlaneLaw, responses: Responses, compliance: Floats, sag: Floats) -> None:
+        """`compliance` is the acceleration per unit of force (3, 3), 1/kg, and `sag` the deflection (3,) by the weight
+        of the tool, m, both in the base frame.
+        """
+        self._law, self._step = law, responses.step
         normal = np.array(law.normal)
         across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         across /= math.sqrt(across @ across)
         self._frame: Floats = np.array([normal, across, np.cross(normal, across)])
         local = self._frame @ compliance @ self._frame.T
-        self._compliance: tuple[tuple[float, float, float], ...] = tuple(map(tuple, local.tolist()))
+        self._compliance: tuple[_Triple, ...] = tuple(map(tuple, local.tolist()))
+        self._sag: _Triple = tuple((self._frame @ sag).tolist())
         (self._keeping, begin, end) = (
             part.tolist()
             for part in (responses.free[:, 0], responses.forced[:, 0, 0], responses.forced[:, 0, 1])
         )
         self._begin, self._end = begin, end
         by_position, by_velocity = (end[k] * local for k in (0, 1))
-        self._by_velocity: tuple[tuple[float, float, float], ...] = tuple(map(tuple, by_velocity.tolist()))
-        self._normal_position: tuple[float, float, float] = tuple(by_position[0].tolist())
-        self._relief: tuple[float, float, float] = tuple(
+        self._by_velocity: tuple[_Triple, ...] = tuple(map(tuple, by_velocity.tolist()))
+        self._normal_position: _Triple = tuple(by_position[0].tolist())
+        self._relief: _Triple = tuple(
             (law.stiffness * by_position[0] + law.damping * by_velocity[0]).tolist()
         )
         """Decrease of the normal force per unit of each component of the force at the end of a step."""
@@ -49,55 +58,62 @@ class PlaneContact:
         next ratio is searched from their sum.
         """
 
-    def is_free(self, positions: Floats) -> bool:
-        """Return whether the tool touches the surface at none of these positions (n, 3), m, base frame."""
-        return bool((positions @ self._frame[0]).min() >= self._law.depth_of_origin)
+    def motion(self, start: Floats, positions: Floats) -> Floats:
+        """Return the motion (n, 12) at n grid points: deflection, its velocity, contact force and velocity of the arm.
 
-    def forces(self, positions: Floats, velocities: Floats) -> Floats:
-        """Return the contact force (n, 3) at the grid points, base frame, N.
-
-        `positions` and `velocities` (n, 3) are those of the tool if no force acted at these points, base frame.
+        `positions` (n, 3) are those of the rigid arm at these points. `start` (15,) contains the motion and the
+        position at the point before. All are in the base frame.
         """
-        frame, origin = self._frame, self._law.depth_of_origin
+        frame, step, (g0, g1, g2) = self._frame, self._step, self._sag
         (m00, m01), (m10, m11) = self._keeping
         (b0, b1), (e0, e1) = self._begin, self._end
-        (c00, c01, c02), (c10, c11, c12), (c20, c21, c22) = self._compliance
-        # offset d, its rate v and acceleration a, due to the forces at these points
-        d0 = d1 = d2 = v0 = v1 = v2 = a0 = a1 = a2 = 0.0
-        ratio, change = self._ratio, self._change
-        forces = []
-        for x, (u0, u1, u2) in zip(
-            (positions @ frame[0]).tolist(), (velocities @ frame.T).tolist(), strict=True
-        ):
+        local = np.concatenate((start.reshape(5, 3), positions)) @ frame.T
+        (d0, d1, d2), (v0, v1, v2), force, (u0, u1, u2), (p0, p1, p2), *places = local.tolist()
+        # The weight only shifts the deflection d, so the motion is computed relative to the sag.
+        d0, d1, d2, origin = d0 - g0, d1 - g1, d2 - g2, self._law.depth_of_origin - g0
+        a0, a1, a2 = self._acceleration(force)
+        rows = []
+        for q0, q1, q2 in places:
+            w0, w1, w2 = (q0 - p0) / step, (q1 - p1) / step, (q2 - p2) / step
+            # Where the velocity of the arm jumps, that of the tool does not.
+            v0, v1, v2 = v0 + u0 - w0, v1 + u1 - w1, v2 + u2 - w2
             d0, v0 = m00 * d0 + m01 * v0 + b0 * a0, m10 * d0 + m11 * v0 + b1 * a0
             d1, v1 = m00 * d1 + m01 * v1 + b0 * a1, m10 * d1 + m11 * v1 + b1 * a1
             d2, v2 = m00 * d2 + m01 * v2 + b0 * a2, m10 * d2 + m11 * v2 + b1 * a2
-            depth = origin - x - d0
-            before = ratio
+            depth = origin - q0 - d0
             if depth > 0.0:
-                force, ratio = self._force(depth, (u0 + v0, u1 + v1, u2 + v2), ratio + change)
+                f0, f1, f2 = self._next_force(depth, (w0 + v0, w1 + v1, w2 + v2))
+                a0, a1, a2 = self._acceleration((f0, f1, f2))
+                d0, d1, d2 = d0 + e0 * a0, d1 + e0 * a1, d2 + e0 * a2
+                v0, v1, v2 = v0 + e1 * a0, v1 + e1 * a1, v2 + e1 * a2
             else:
-                force, ratio = _NO_FORCE, 0.0
-            change = ratio - before if before > 0.0 else 0.0
-            f0, f1, f2 = force
-            a0 = c00 * f0 + c01 * f1 + c02 * f2
-            a1 = c10 * f0 + c11 * f1 + c12 * f2
-            a2 = c20 * f0 + c21 * f1 + c22 * f2
-            d0, v0, d1, v1, d2, v2 = (
-                d0 + e0 * a0,
-                v0 + e1 * a0,
-                d1 + e0 * a1,
-                v1 + e1 * a1,
-                d2 + e0 * a2,
-                v2 + e1 * a2,
-            )
-            forces.append(force)
-        self._ratio, self._change = ratio, change
-        return np.array(forces) @ frame
+                self._ratio = self._change = f0 = f1 = f2 = a0 = a1 = a2 = 0.0
+            rows.append((d0 + g0, d1 + g1, d2 + g2, v0, v1, v2, f0, f1, f2, w0, w1, w2))
+            p0, p1, p2, u0, u1, u2 = q0, q1, q2, w0, w1, w2
+        motion: Floats = np.array(rows).reshape(-1, 3) @ frame
+        return motion.reshape(-1, 12)
 
-    def _force(
-        self, depth: float, velocity: tuple[float, float, float], ratio: float
-    ) -> tuple[tuple[float, float, float], float]:
+    def _acceleration(self, force: Sequence[float]) -> _Triple:
+        """Return the acceleration by a force, m/s²."""
+        f0, f1, f2 = force
+        (c00, c01, c02), (c10, c11, c12), (c20, c21, c22) = self._compliance
+        return (
+            c00 * f0 + c01 * f1 + c02 * f2,
+            c10 * f0 + c11 * f1 + c12 * f2,
+            c20 * f0 + c21 * f1 + c22 * f2,
+        )
+
+    def _next_force(self, depth: float, velocity: _Triple) -> _Triple:
+        """Return the force at the end of the next step, N.
+
+        Depth, m, and velocity, m/s, are those without this force.
+        """
+        before = self._ratio
+        force, self._ratio = self._force(depth, velocity, before + self._change)
+        self._change = self._ratio - before if before > 0.0 else 0.0
+        return force
+
+    def _force(self, depth: float, velocity: _Triple, ratio: float) -> tuple[_Triple, float]:
         """Return the force at the end of a step, N, and the ratio of friction to sliding velocity, N·s/m.
 
         Depth, m, and velocity, m/s, are those without this force. The search begins at `ratio`.
@@ -134,9 +150,7 @@ class PlaneContact:
             f0, f1, f2 = share * f0, share * f1, share * f2
         return (f0, f1, f2), ratio
 
-    def _with_ratio(
-        self, normal: float, velocity: tuple[float, float, float], ratio: float
-    ) -> tuple[float, float, float]:
+    def _with_ratio(self, normal: float, velocity: _Triple, ratio: float) -> _Triple:
         """Return the force for a given ratio of friction to sliding velocity, N."""
         _, (e10, e11, e12), (e20, e21, e22) = self._by_velocity
         r0, r1, r2 = self._relief

@@ -8,12 +8,13 @@ import random
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.ledger import Handler, Injection
 from protocol.can.frame import CanFrame
-from protocol.endpoint import Endpoint
+from protocol.datagram import Datagram, side_of
+from protocol.endpoint import Deferrable, Endpoint
 
 Data = TypeVar("Data", bound=Sequence[Any])
 
@@ -275,3 +276,25 @@ class Packets(Generic[Data]):
             yield self._in
         if which in (_BOTH, _FROM):
             yield self._out
+
+
+class StampedPackets(Packets[Sequence[bytes]]):
+    """Packets of a device that gives each datagram the time at which it leaves. A `Deferrable`."""
+
+    def __init__(self, inner: "StampedDevice", seed: int | str) -> None:
+        super().__init__(inner, DATAGRAMS, seed)
+        self._stamped = inner
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        """Return the datagrams that arrive now. Behind a faulty wire, they have no times of their own."""
+        data = super().data_to_send(now)
+        return [Datagram(one, side=side_of(one)) for one in data] if self._bad else data
+
+    def last_deadline(self, until: float) -> float:
+        """Return the last deadline up to `until`, s. Behind a faulty wire, each deadline is handled at its time."""
+        deadline = self.next_deadline() if self._bad else None
+        return self._stamped.last_deadline(until) if deadline is None else deadline
+
+
+class StampedDevice(Endpoint[Sequence[bytes], Sequence[bytes], None], Deferrable, Protocol):
+    """Device behind `StampedPackets`."""

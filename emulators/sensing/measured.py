@@ -135,10 +135,7 @@ class MeasuredWrench:
     def _load(self, first: int, stop: int) -> Floats:
         """Return the load (6, n) of the samples `first` … `stop` − 1, including creep and vibration."""
         wrench = self._source.wrench(np.arange(first, stop) / self._rate).T
-        if self._mechanics is not None:
-            wrench = np.array(wrench)
-            self._mechanics.add(wrench, first)
-        return wrench
+        return wrench if self._mechanics is None else self._mechanics.load(wrench, first)
 
     def _record_ends(self, outputs: Floats, first: int) -> None:
         """Record which of these samples (6, n) are clipped. They replace earlier samples with the same numbers."""

@@ -21,7 +21,7 @@ from protocol.geometry import Vector
 
 NO_FORCE: Vector = (0.0, 0.0, 0.0)
 
-_FORCES = 3
+_AXES, _FORCES = 6, 3
 _WANDER_STREAM, _MOTION_STREAM, _VIBRATION_STREAM = 1, 2, 3
 """Random streams of a seed in addition to its noise. They are part of the meaning of a seed, so do not change them."""
 _WANDER_S = 10.0
@@ -151,10 +151,6 @@ class _Knot(NamedTuple):
     """Load (6,) after the creep filter, N and N·m."""
     moving: float
     """Share of the motion noise at the knot, 0 … 1."""
-    begin: Floats
-    """Contribution (6, 1) of the creep share at the knot, N and N·m."""
-    change: Floats
-    """Change (6, 1) of the contribution `begin` up to the next knot, N and N·m."""
 
 
 class Mechanics:
@@ -177,20 +173,26 @@ class Mechanics:
         self._draws = Draws(seed, _MOTION_STREAM)
         self._chunk_number: int | None = None
         self._chunk = np.zeros((_FORCES, 0))
+        self._disturbed: _Knot | None = None
+        self._disturbance = np.zeros((_AXES, 0))
+        """Disturbance after the knot `_disturbed`; see `_disturbance_after`."""
 
-    def add(self, wrench: Floats, first: int) -> None:
-        """Change the wrench (6, n) of the samples from number `first` on, in place."""
-        if self._by_knots:
-            knots = self._knots
-            since = first - knots[-1].number * self._per_knot if knots else -1
-            if since > 0 and since + wrench.shape[1] <= self._per_knot:  # nearly always
-                self._apply(wrench, first, knots[-1])
-            else:
-                self.forget(first)
-                for part, knot in self._stretches(wrench, first):
-                    self._apply(wrench[:, part], first + part.start, knot)
-        if self._table is not None:
-            _add_table(wrench[:_FORCES], self._table, first)
+    def load(self, wrench: Floats, first: int) -> Floats:
+        """Return the load (6, n) of the samples from number `first` on, N and N·m, for their true wrench (6, n)."""
+        if not self._by_knots:
+            load = np.array(wrench)
+            self._vibrate(load, first)
+            return load
+        knots, count = self._knots, wrench.shape[1]
+        since = first - knots[-1].number * self._per_knot if knots else -1
+        if since > 0 and since + count <= self._per_knot:  # nearly always
+            return self._keep * wrench + self._disturbance_after(knots[-1])[:, since : since + count]
+        self.forget(first)
+        load = self._keep * wrench
+        for part, knot in self._stretches(wrench, first):
+            since = first - knot.number * self._per_knot
+            load[:, part] += self._disturbance_after(knot)[:, since + part.start : since + part.stop]
+        return load
 
     def forget(self, number: int) -> None:
         """Drop the knots from this sample number on.
@@ -200,15 +202,21 @@ class Mechanics:
         while self._knots and self._knots[-1].number * self._per_knot >= number:
             self._knots.pop()
 
-    def _apply(self, wrench: Floats, first: int, knot: _Knot) -> None:
-        """Change the wrench (6, n) of the samples between a knot and the next knot, in place."""
-        if self._share:
-            since = first - knot.number * self._per_knot
-            wrench *= self._keep
-            wrench += knot.change * self._ramp[since : since + wrench.shape[1]]
-            wrench += knot.begin
-        if knot.moving:
-            self._shake(wrench[:_FORCES], first, knot.moving)
+    def _disturbance_after(self, knot: _Knot) -> Floats:
+        """Return creep, motion noise and vibration (6, m) of the samples from a knot to the next knot, N and N·m."""
+        if knot is not self._disturbed:
+            self._disturbed, first = knot, knot.number * self._per_knot
+            crept, creeps = self._share * knot.late, self._share * self._gain * (knot.load - knot.late)
+            self._disturbance = crept[:, np.newaxis] + creeps[:, np.newaxis] * self._ramp
+            if knot.moving:
+                self._shake(self._disturbance[:_FORCES], first, knot.moving)
+            self._vibrate(self._disturbance, first)
+        return self._disturbance
+
+    def _vibrate(self, load: Floats, first: int) -> None:
+        """Add the vibration of the arm in place to the load (6, n) of the samples from number `first` on."""
+        if self._table is not None:
+            _add_table(load[:_FORCES], self._table, first)
 
     def _shake(self, forces: Floats, first: int, share: float) -> None:
         stop = first + forces.shape[1]
@@ -253,7 +261,7 @@ class Mechanics:
             before, missed = self._knots[-1], numbers[0] - begin
             late = loads[0] + (before.late - loads[0]) * (1.0 - self._gain) ** (missed + 1)
             self._knots.clear()
-            self._knots.append(self._knot(numbers[0] - 1, loads[0], late, 0.0))
+            self._knots.append(_Knot(numbers[0] - 1, loads[0], late, 0.0))
         for number, load, moving in zip(numbers, loads, self._moving_at(numbers), strict=True):
             self._append(number, load, moving)
 
@@ -262,11 +270,7 @@ class Mechanics:
         if self._knots:
             before = self._knots[-1]
             late = before.late + self._gain * (before.load - before.late)
-        self._knots.append(self._knot(number, load.copy(), late, moving))
-
-    def _knot(self, number: int, load: Floats, late: Floats, moving: float) -> _Knot:
-        begin, change = self._share * late, self._share * self._gain * (load - late)
-        return _Knot(number, load, late, moving, begin[:, np.newaxis], change[:, np.newaxis])
+        self._knots.append(_Knot(number, load.copy(), late, moving))
 
     def _moving_at(self, numbers: Sequence[int]) -> list[float]:
         """Return the share of the motion noise at each knot."""

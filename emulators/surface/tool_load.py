@@ -56,11 +56,6 @@ class ToolLoad:
         self._powered_at, self._face, self._obstacles = powered_at, face, obstacles
         self._is_plugin = is_plugin
 
-    @property
-    def is_of_point(self) -> bool:
-        """Whether the tool is a point, so that the load has no moment about the tip."""
-        return self._face is None
-
     def at(self, surface: Surface, times: Floats, count: bool = True) -> ContactLoad:
         """Return force and moment of surface and obstacles on the tool at `times` (n,) in ascending order, s.
 

@@ -61,6 +61,8 @@ class Clock:
         """
         self.call_soon: Callable[[Callable[[], object]], Timer] = loop.call_soon
         """Call back in the next iteration of the loop."""
+        self.may_defer = False
+        """Whether the data of a deferrable timer may come late, because no task waits for them. A reader sets it."""
         self._close: Callable[[], None] | None = None
         if isinstance(loop, VirtualLoop):
             self.call_at, self.call_soon = loop.timer, loop.soon
@@ -76,6 +78,21 @@ class Clock:
     def running(cls) -> "Clock":
         """Return a clock for the running loop. The caller closes the clock."""
         return cls(asyncio.get_running_loop())
+
+    def call_deferrable(
+        self, when: float, last_deadline: Callable[[float], float], callback: Callable[[], object]
+    ) -> Timer:
+        """Call back at a time, s, as `call_at` does. In virtual time, while `may_defer` is set, call back only once
+        for everything that is due before the next other callback.
+
+        `last_deadline` maps the time of that callback to the time of the last deadline until then, s.
+        """
+        if isinstance(self.loop, VirtualLoop):
+            return self.loop.deferrable(when, last_deadline, self._defers, callback)
+        return self.call_at(when, callback)
+
+    def _defers(self) -> bool:
+        return self.may_defer
 
     async def sleep_until(self, when: float) -> None:
         """Return at `when`, s on this clock, or after one iteration of the loop if `when` has passed."""

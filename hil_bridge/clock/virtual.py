@@ -8,6 +8,7 @@ here. Two private names of asyncio's base loop are used because there is no publ
 
 import asyncio
 import itertools
+from bisect import insort
 from collections import deque
 from collections.abc import Callable
 from contextvars import Context
@@ -64,6 +65,22 @@ class VirtualTimer:
             asyncio.get_running_loop().call_exception_handler({"message": text, "exception": error})
 
 
+class DeferrableTimer(VirtualTimer):
+    """Timer of a device whose next messages may be handed over together, when the last of them is due."""
+
+    __slots__ = ("last_deadline", "may_wait", "when")
+
+    def __init__(
+        self,
+        when: float,
+        last_deadline: Callable[[float], float],
+        may_wait: Callable[[], bool],
+        callback: Callable[[], object],
+    ) -> None:
+        super().__init__(callback)
+        self.when, self.last_deadline, self.may_wait = when, last_deadline, may_wait
+
+
 class VirtualLoop(asyncio.SelectorEventLoop):
     """Event loop of asyncio in virtual time. File descriptors and threads require real time and are refused.
 
@@ -79,6 +96,8 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._numbers = itertools.count()
         self._timers: list[tuple[float, int, Any]] = []
         """Heap of timers: time, order, timer."""
+        self._deferrable: list[DeferrableTimer] = []
+        """Deferrable timers, by time."""
         super().__init__()
 
     def time(self) -> float:
@@ -105,6 +124,21 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         heappush(self._timers, (when, next(self._numbers), timer))
         return timer
 
+    def deferrable(
+        self,
+        when: float,
+        last_deadline: Callable[[float], float],
+        may_wait: Callable[[], bool],
+        callback: Callable[[], object],
+    ) -> VirtualTimer:
+        """Call back at `when`, or later if `may_wait` returns True, but before any other callback with a later time.
+
+        `last_deadline` maps the time of the next other callback to the time at which this one is then called.
+        """
+        timer = DeferrableTimer(when, last_deadline, may_wait, callback)
+        insort(self._deferrable, timer, key=_due)
+        return timer
+
     def soon(self, callback: Callable[[], object]) -> VirtualTimer:
         """Call back in the next iteration. Like `call_soon`, but lighter."""
         timer = VirtualTimer(callback)
@@ -126,6 +160,8 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         while not ready and not self._stopping:
             while timers and timers[0][2]._cancelled:
                 heappop(timers)
+            if self._deferrable and self._run_deferrable(timers[0][0] if timers else None):
+                continue
             if not timers:
                 raise VirtualDeadlock(
                     f"nothing can happen any more at {self._now:.9f} s: no timer is set and nothing is ready; "
@@ -147,11 +183,27 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             if not handle._cancelled:
                 handle._run()
 
+    def _run_deferrable(self, until: float | None) -> bool:
+        """Run the first deferrable timer up to the time of the next other timer. Return whether there was one."""
+        first = self._deferrable[0]
+        if until is not None and first.when > until and not first._cancelled:
+            return False
+        del self._deferrable[0]
+        if not first._cancelled:
+            waits = until is not None and first.may_wait()
+            self._now = max(
+                self._now, first.when if until is None or not waits else first.last_deadline(until)
+            )
+            self._turns = 0
+            first._run()
+        return True
+
     def close(self) -> None:
         """Close the loop as asyncio does. Pending timers are dropped, together with all objects to which their
         callbacks refer.
         """
         self._timers.clear()
+        self._deferrable.clear()
         super().close()
 
     def run_in_executor(self, executor: Any, func: Any, *args: Any) -> NoReturn:  # type: ignore[override]
@@ -165,6 +217,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def add_writer(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
         """Raise VirtualTimeError, because virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
+
+
+def _due(timer: DeferrableTimer) -> float:
+    return timer.when
 
 
 def describe_tasks(tasks: set[asyncio.Task[Any]]) -> str:

@@ -11,7 +11,9 @@ class DeviceLog(Protocol):
     """Log of the devices of a run. `device` is "robot" or "sensor". The methods must not block."""
 
     verbose: bool
-    """Whether every link event is to be logged, including routine ones."""
+    """Whether traffic and every link event are to be logged, including routine events. If not, the wires of the
+    devices do not report their traffic.
+    """
 
     def frame(self, frame: WrenchFrame) -> None:
         """Log a complete frame of the sensor."""

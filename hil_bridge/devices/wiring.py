@@ -58,8 +58,9 @@ class Wiring:
         return self.tap((await opening.listen_datagrams(url, self.clock, self.log.notice)).transport)
 
     def tap(self, wire: Transport[_Data]) -> Transport[_Data]:
-        """Add the log to a wire that the device package has opened."""
-        return Tap(self.wrap(self.device, wire), partial(self.log.traffic, self.device))
+        """Add the log to a wire that the device package has opened, if the log accepts traffic."""
+        wrapped = self.wrap(self.device, wire)
+        return Tap(wrapped, partial(self.log.traffic, self.device)) if self.log.verbose else wrapped
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """Configuration of each episode: a base configuration, with settings and faults drawn from a seed as in a campaign."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -32,6 +33,11 @@ class Episodes(NamedTuple):
             return _NOTHING
         numbers = numbers_of(f"{seed} {_CELL}", self.draw.dimensions)
         return draw_values(self.draw, _CELL, self.base, numbers)
+
+    def drawn_values(self, seed: int) -> dict[str, Any]:
+        """Return the settings drawn for a seed by dotted key, and the drawn faults as a list under `faults`."""
+        drawn = json.loads(self.drawn(seed))
+        return {**drawn["config"], "faults": drawn["faults"]}
 
     def config(self, seed: int) -> Config:
         """Return the configuration of an episode. Raises ConfigError for contradictory settings."""

@@ -3,6 +3,7 @@ long.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -55,11 +56,16 @@ class KeptRecords:
         self._file: Recorder | None = None
         self.is_whole = True
         """Whether the memory contains all records; False once they have been moved or discarded."""
-        self.takes = takes
+        self._kinds = takes
         self._wall_ns = wall_ns
         self._metadata = dict(sorted(metadata.items()))
         self._steps: list[_Step] = []
         self._end: Mapping[str, str] | None = None
+
+    @property
+    def takes(self) -> Mapping[type, Callable[[Any], object]]:
+        """Function that accepts records, by the types of records to keep."""
+        return dict.fromkeys(self._kinds, self.put)
 
     def put(self, record: Record) -> None:
         """Add a record. Records after the end are ignored."""
@@ -112,26 +118,23 @@ class KeptRecords:
     def recording(self) -> Recording:
         """Return the recording that `read` would return for the file that `save` writes."""
         assert self._end is not None, "the run has not ended"
-        steps = self._steps
-        devices: Mapping[str, str] = {}
-        removed = None
-        for step in steps:
-            if isinstance(step, dict):
-                devices = dict(sorted(step.items()))
-            elif type(step) is _Attachment and step.name == REMOVED_NAME:
-                removed = from_json(step.data)
+        kept: defaultdict[type, list[Any]] = defaultdict(list)
+        for step in self._steps:
+            kept[type(step)].append(step)
+        devices = kept[dict][-1] if kept[dict] else {}
+        removed = [from_json(one.data) for one in kept[_Attachment] if one.name == REMOVED_NAME]
         drops = {f"{DROPPED_PREFIX}{topic.name}": "0" for topic in TOPICS}
         return Recording(
-            tuple(step for step in steps if type(step) is records.CycleRecord),
-            tuple(step for step in steps if type(step) is records.SensorRecord),
-            tuple(step for step in steps if type(step) is records.EventRecord),
+            tuple(kept[records.CycleRecord]),
+            tuple(kept[records.SensorRecord]),
+            tuple(kept[records.EventRecord]),
             self._metadata,
             dict(sorted({**self._end, **drops}.items())),
-            truths=tuple(step for step in steps if type(step) is records.TruthRecord),
-            devices=devices,
+            truths=tuple(kept[records.TruthRecord]),
+            devices=dict(sorted(devices.items())),
             unix_zero_ns=self._unix_zero_ns(),
-            steps=tuple(step for step in steps if type(step) is records.StepRecord),
-            removed=removed,
+            steps=tuple(kept[records.StepRecord]),
+            removed=removed[-1] if removed else None,
         )
 
     def _unix_zero_ns(self) -> int:

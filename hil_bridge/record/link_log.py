@@ -6,15 +6,16 @@ PC, and the data; or `--` and the event as the link interprets it, such as `ACK 
 
 The data are hexadecimal bytes, with a space between datagrams, or CAN frames: `601#0100FEFF03000700`, eight digits
 before the sign for an extended identifier, `123#R2` for a remote frame that requests two bytes, `004!00` for a bus
-error reported by the interface. Frames that were handed over together have one piece for each arrival time, so the
-seconds of successive pieces may decrease, even below 0.
+error reported by the interface. Frames and datagrams that were handed over together have one piece for each arrival
+time, so the seconds of successive pieces may decrease, even below 0.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from itertools import groupby
 from typing import Any
 
 from protocol.can.frame import CanFrame
+from protocol.datagram import arrived_at
 
 LINK_EVENT = "--"
 """Value of the direction column in a line that is a link event, not data."""
@@ -44,11 +45,14 @@ class LinkLog:
             self._keep(
                 at, direction + " " + data.hex()
             )  # concatenated: formatting an enum member takes twice as long
-        elif not isinstance(data[0], CanFrame):
-            self._keep(at, direction + " " + " ".join([one.hex() for one in data]))
+        elif isinstance(data[0], CanFrame):
+            for came, frames in groupby(
+                data, lambda frame: at if frame.received_at is None else frame.received_at
+            ):
+                self._keep(came, direction + " " + " ".join(map(str, frames)))
         else:
-            for came, frames in _by_time(at, data):
-                self._keep(came, direction + " " + " ".join(frames))
+            for came, datagrams in groupby(data, lambda datagram: arrived_at(datagram, at)):
+                self._keep(came, direction + " " + " ".join([one.hex() for one in datagrams]))
 
     def note(self, at: float, text: str) -> None:
         """Add a link event."""
@@ -73,14 +77,3 @@ class LinkLog:
         if self._pieces:
             pieces, self._pieces = self._pieces, []
             self._put(self._begun, tuple(pieces))
-
-
-def _by_time(at: float, frames: Sequence[CanFrame]) -> Iterator[tuple[float, list[str]]]:
-    """Format the frames; adjacent frames with equal times form one piece.
-
-    `at` is the time of a frame without its own.
-    """
-    for came, together in groupby(
-        frames, lambda frame: at if frame.received_at is None else frame.received_at
-    ):
-        yield came, [*map(str, together)]

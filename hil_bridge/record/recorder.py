@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -115,9 +115,6 @@ class Recorder:
     error.
     """
 
-    takes = RECORDS
-    """Record types that the run should pass to the recorder, which are all types."""
-
     def __init__(
         self,
         path: Path,
@@ -188,6 +185,11 @@ class Recorder:
     def dropped(self) -> Mapping[str, int]:
         """Number of records that did not reach the file, by topic."""
         return dict(self._dropped)
+
+    @property
+    def takes(self) -> Mapping[type, Callable[[Any], object]]:
+        """Function that accepts records, for all types of records."""
+        return dict.fromkeys(RECORDS, self.put)
 
     def put(self, record: Record) -> None:
         """Add a record. It is dropped and counted if the queue is full or writing has failed."""

@@ -332,7 +332,7 @@ class Run:
             answered_at=clock.now(),
             sensor_counter=frame.counter,
             start=self._start.pose.position,
-            asked=request,
+            request=request,
             step=self._steps.number(decision.intent.leg),
             correction=decision.target.depth - state.supervisor.depth,
             sent_at=sent.begun_at,

@@ -1,7 +1,8 @@
 """Record of a cycle."""
 
 import math
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from hil_bridge.control import Command, Decision, Sample, TaskParameters, numeric_explanation
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport
@@ -10,8 +11,8 @@ from hil_bridge.record import CycleRecord
 from protocol.geometry import Vector
 
 
-class Course(NamedTuple):
-    """Values of a cycle that come from its course. The fields have the names of the record's fields."""
+class Course(Struct, frozen=True, gc=False):
+    """Values of a cycle that come from its course."""
 
     cycle: int
     started_at: float
@@ -21,7 +22,8 @@ class Course(NamedTuple):
     answered_at: float
     sensor_counter: int
     start: Vector
-    asked: Reason | None
+    request: Reason | None
+    """Request to end, or failure outside the cycles, that the decision follows; None if there is none."""
     step: int
     correction: float
     sent_at: float
@@ -36,17 +38,19 @@ def cycle_record(
     command = output.command or Command(decision.target.depth, 0.0)
     stamps = dict(report.stamps)
     return CycleRecord(
-        **course._asdict(),
+        cycle=course.cycle,
         phase=output.phase,
+        started_at=course.started_at,
+        controlled_at=course.controlled_at,
+        sent_at=course.sent_at,
+        answered_at=course.answered_at,
+        sample=sample,
         force=decision.force,
         force_reference=task.force_n if output.reference is None else output.reference,
-        status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
-        answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
         depth=decision.depth,
         depth_commanded=decision.target.depth,
         travel_commanded=decision.target.travel,
-        across_commanded=decision.target.across,
-        quaternion_commanded=decision.quaternion or (),
+        correction=course.correction,
         stiffness=command.stiffness,
         gain=command.gain,
         held=command.held,
@@ -59,5 +63,15 @@ def cycle_record(
             **output.notes,
         },
         target=decision.position,
-        sample=sample,
+        start=course.start,
+        asked=course.request,
+        status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
+        decoded_at=course.decoded_at,
+        proposed_at=course.proposed_at,
+        transmitted_at=course.transmitted_at,
+        sensor_counter=course.sensor_counter,
+        answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
+        across_commanded=decision.target.across,
+        step=course.step,
+        quaternion_commanded=decision.quaternion or (),
     )

@@ -57,6 +57,11 @@ class Outputs:
     temporary: bool = False
     """Whether the recording is deleted after the run."""
 
+    @property
+    def only_figures(self) -> bool:
+        """Whether only figures of the run are kept, neither its recording nor a report."""
+        return self.temporary and self.report is None
+
 
 def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
     """Return the outputs with all paths resolved and their folders created, before the robot moves.

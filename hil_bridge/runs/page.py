@@ -1,13 +1,14 @@
 """Page of a run in the browser. Its feed receives every record, and periodically the state that no record contains."""
 
 import asyncio
-from collections.abc import AsyncIterator, Collection, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from typing import Any
 
 from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord, EventKind, RunEnd
-from hil_bridge.record.topics import RECORDS, Record
+from hil_bridge.record.topics import RECORDS
 from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.run_log import RunLog
@@ -23,18 +24,19 @@ from hil_bridge.show.web.feed import Feed
 class Page:
     """Watcher that sends data to the page. The run never waits for it."""
 
-    takes: Collection[type] = RECORDS
-
     def __init__(self, feed: Feed, notes: Notes, record: str) -> None:
         """Create the watcher. `record` is the name of the recording if it is kept; otherwise empty."""
         self._feed, self._notes, self._record = feed, notes, record
         self._run: Running | None = None
 
-    def put(self, record: Record) -> None:
-        """Accept a record."""
+    @property
+    def takes(self) -> Mapping[type, Callable[[Any], object]]:
+        """Functions that accept records, for all types of records."""
+        return {**dict.fromkeys(RECORDS, self._feed.put), CycleRecord: self._cycle}
+
+    def _cycle(self, record: CycleRecord) -> None:
         self._feed.put(record)
-        if type(record) is CycleRecord:
-            self._feed.cycle(record)
+        self._feed.cycle(record)
 
     def devices(self, facts: Mapping[str, str]) -> None:
         """Mark the devices as ready."""

@@ -76,22 +76,26 @@ class RunLog:
         """Functions that accept a record, by the type of the record."""
         for watcher in watchers:
             self.join(watcher)
-        self.verbose = self.wants(LinkRecord)
-        """Setting of a `DeviceLog`: whether a recording of the link contains every event."""
-        self._wires = {
-            "robot": LinkLog(lambda at, pieces: self.put(at, LinkRecord(at, pieces))),
-            "sensor": LinkLog(lambda at, pieces: self.put(at, WireRecord(at, "sensor", pieces))),
-        }
-        self._traffic_accepted = {"robot": self.wants(LinkRecord), "sensor": self.wants(WireRecord)}
-        """Whether any watcher accepts the traffic of a device's link."""
+        self._wires: dict[str, LinkLog] = {}
+        """Traffic of the devices' wires, by device, as far as any watcher accepts it."""
+        if self.wants(LinkRecord):
+            self._wires["robot"] = LinkLog(lambda at, pieces: self.put(at, LinkRecord(at, pieces)))
+        if self.wants(WireRecord):
+            self._wires["sensor"] = LinkLog(lambda at, pieces: self.put(at, WireRecord(at, "sensor", pieces)))
+        self.verbose = bool(self._wires)
+        """Setting of a `DeviceLog`: whether any watcher accepts traffic."""
+        self.with_true_states = True
+        """Whether the ground truth contains the states of the emulated cell; False for a run of which only the
+        figures are needed, which use its times alone.
+        """
         self.byte_time_s = 0.0
         """Transmission time of one byte on the robot's line, s; 0 if negligible."""
 
     def join(self, watcher: Watcher) -> None:
         """Add a watcher, after the existing ones."""
         self._watchers.append(watcher)
-        for kind in watcher.takes:
-            self._takers.setdefault(kind, []).append(watcher.put)
+        for kind, take in watcher.takes.items():
+            self._takers.setdefault(kind, []).append(take)
 
     def wants(self, kind: type) -> bool:
         """Return whether any watcher accepts records of this type."""
@@ -142,7 +146,8 @@ class RunLog:
 
     def frame(self, frame: WrenchFrame) -> None:
         """Log a complete frame of the sensor."""
-        self._wires["robot"].age(frame.at)  # while the robot is silent, only frames arrive
+        if (wire := self._wires.get("robot")) is not None:
+            wire.age(frame.at)  # while the robot is silent, only frames arrive
         if SensorRecord in self._takers:
             self.hand_over(SensorRecord(frame.at, frame.sequence, frame.values))
 
@@ -156,16 +161,16 @@ class RunLog:
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Log data that has just been transferred on a device's link."""
-        if self._traffic_accepted[device]:
-            self._wires[device].take(self.clock.now(), direction, data)
+        if (wire := self._wires.get(device)) is not None:
+            wire.take(self.clock.now(), direction, data)
         if device == "robot" and direction is Direction.SENT and len(data) > 1:
             for watcher in self._watchers:
                 watcher.pause(len(data) * self.byte_time_s)
 
     def link_event(self, device: str, text: str) -> None:
         """Log an event on a device's link."""
-        if self._traffic_accepted[device]:
-            self._wires[device].note(self.clock.now(), text)
+        if (wire := self._wires.get(device)) is not None:
+            wire.note(self.clock.now(), text)
 
     def close(self, end: RunEnd) -> None:
         """Pass on pending records, and then the end. Idempotent. Raises the first error of a watcher."""

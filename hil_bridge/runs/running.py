@@ -72,12 +72,16 @@ class _Truth:
         streamed = running.setup.facts.pacing is Pacing.STREAMED
         self._log = running.log
         self._truth: GroundTruth | None = GroundTruth(
-            cell, running.setup.sensor.is_emulated, self._log.hand_over, streamed
+            cell,
+            running.setup.sensor.is_emulated,
+            self._log.hand_over,
+            streamed,
+            with_states=self._log.with_true_states,
         )
 
     def cycle(self, record: CycleRecord) -> None:
         """Handle the end of a cycle."""
-        self._ask(lambda truth: truth.cycle(record))
+        self._ask(GroundTruth.cycle, record)
 
     def close(self) -> None:
         """Query the remaining truth at the end of the run."""
@@ -85,12 +89,12 @@ class _Truth:
         if self._truth is not None and (removed := self._truth.removed_map()) is not None:
             self._log.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
 
-    def _ask(self, ask: Callable[[GroundTruth], object]) -> None:
+    def _ask(self, ask: Callable[..., object], *arguments: object) -> None:
         """Query the ground truth. After a failure, it is never queried again."""
         if self._truth is None:
             return
         try:
-            ask(self._truth)
+            ask(self._truth, *arguments)
         except RAISED as error:
             raise_if_interrupt(error)
             if not involves_plugin(error):

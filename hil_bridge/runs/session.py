@@ -194,8 +194,9 @@ class Session:
         record = "" if self._outputs.temporary else format_path(self._path)
         view = TerminalView(self.terminal, self.show_view, clock.is_virtual)
         page = None if self.feed is None else Page(self.feed, self.notes, record)
-        watchers = (recorder, self.notes, view, page, self._kept)
+        watchers = (recorder, self.notes, None if clock.is_virtual else view, page, self._kept)
         log = RunLog(clock, [watcher for watcher in watchers if watcher is not None])
+        log.with_true_states = not self._outputs.only_figures or page is not None
         stopping = self._stopping = Stopping(self.signals, log)
         log.join(Listener({CycleRecord: _collector(clock)}))
         if recorder is not None:

@@ -3,8 +3,9 @@
 import asyncio
 import sys
 import warnings
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import aclosing, asynccontextmanager
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ from hil_bridge.record import (
 )
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.kept import KeptRecords
+from hil_bridge.record.topics import RECORDS
 from hil_bridge.runs import compose
 from hil_bridge.runs.checks import Start, check, check_wires
 from hil_bridge.runs.ending import Act
@@ -132,6 +134,14 @@ class Result:
         """
         self._records.save(Path(path), overwrite)
         return Path(path)
+
+
+def with_records(result: Result, records: KeptRecords | None) -> Result:
+    """Return a copy of a result with other records; without records, the copy can be pickled."""
+    other = copy(result)
+    vars(other).pop("recording", None)
+    other._records = records  # type: ignore[assignment]
+    return other
 
 
 class OpenDevices:
@@ -293,8 +303,12 @@ def _callers_level() -> int:
 
 
 @asynccontextmanager
-async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
-    """Run in the background while the context is open. See `api.simulation`."""
+async def simulating(
+    config: Config, observe: Observe | None, takes: Collection[type] = RECORDS
+) -> AsyncIterator[Simulation]:
+    """Run in the background while the context is open. See `api.simulation`. `takes` holds the types of records that
+    the result keeps.
+    """
     clock = Clock.running()
     observer = None if observe is None else _Observer(observe)
     reached = _Reached()
@@ -303,7 +317,7 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
         cell = check(setup, clock.is_virtual, clock.now())
         if setup.remark:
             warnings.warn(setup.remark, stacklevel=_callers_level())
-        keeper = KeptRecords(clock.wall_ns, metadata_of(setup.config, clock.is_virtual))
+        keeper = KeptRecords(clock.wall_ns, metadata_of(setup.config, clock.is_virtual), takes)
         log = RunLog(clock, [keeper, *([] if observer is None else [observer])])
         simulation: Simulation | None = None
         try:

@@ -1,10 +1,9 @@
 """Watchers of a run, which receive the records of the run and its devices in order and have no influence on the run."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from hil_bridge.record import CycleRecord, EventRecord, StepRecord
-from hil_bridge.record.topics import Record
 
 
 class Log(Protocol):
@@ -24,11 +23,8 @@ class Watcher(Protocol):
     """Recipient of a run's records. It must not block the run. `record.Recorder` is a watcher."""
 
     @property
-    def takes(self) -> Collection[type]:
-        """Types of the records that the watcher accepts. A record that no watcher accepts is not created."""
-
-    def put(self, record: Record) -> None:
-        """Accept a record of one of the types in `takes`."""
+    def takes(self) -> Mapping[type, Callable[[Any], object]]:
+        """Functions that accept records, by the type of the record. A record that no watcher accepts is not created."""
 
     def devices(self, facts: Mapping[str, str]) -> None:
         """Accept the facts of the devices, as JSON by name, once the devices are ready."""
@@ -38,7 +34,7 @@ class Watcher(Protocol):
 
     def pause(self, seconds: float) -> None:
         """Use a pause of the given time, s, in which a block is transmitted on the robot's line and no answer can
-        come before its last character.
+        come before its last character. It is called only if any watcher accepts the traffic.
         """
 
     def close(self, end: Mapping[str, str]) -> None:
@@ -49,12 +45,7 @@ class Listener:
     """Watcher that passes each record of some types to a function."""
 
     def __init__(self, functions: Mapping[type, Callable[[Any], object]]) -> None:
-        self._functions = dict(functions)
-        self.takes: Collection[type] = frozenset(functions)
-
-    def put(self, record: Record) -> None:
-        """Pass the record to the function."""
-        self._functions[type(record)](record)
+        self.takes = dict(functions)
 
     def devices(self, facts: Mapping[str, str]) -> None:
         """Ignore the facts of the devices."""

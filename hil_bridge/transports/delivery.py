@@ -5,6 +5,7 @@ import inspect
 from collections import deque
 from collections.abc import Awaitable, Callable, Sized
 from contextlib import suppress
+from functools import partial
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock
@@ -136,6 +137,15 @@ class TimedQueue:
         self.weight += weight
         if not self._armed:
             self._arm(at_once=delay <= 0.0)
+
+    def put_timed(self, action: Callable[[float], None], weight: int, when: float) -> None:
+        """Execute `action` with its time at `when`, s, but not before earlier actions."""
+        if self._actions:
+            when = max(when, self._actions[-1][0])
+        self._actions.append((when, weight, partial(action, when)))
+        self.weight += weight
+        if not self._armed:
+            self._arm(at_once=when <= self._clock.now())
 
     async def drained(self) -> None:
         """Return when all actions have been executed."""

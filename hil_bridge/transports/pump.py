@@ -35,6 +35,7 @@ class Pump(Generic[Data, Event]):
         "_deadline",
         "_ended",
         "_endpoint",
+        "_last_deadline",
         "_on_end",
         "_on_event",
         "_postponed",
@@ -52,6 +53,8 @@ class Pump(Generic[Data, Event]):
         on_end: Callable[[BaseException], object],
     ) -> None:
         self._endpoint = endpoint
+        self._last_deadline: Callable[[float], float] | None = getattr(endpoint, "last_deadline", None)
+        """Method of a device whose deadlines may be handled together: a `Deferrable`."""
         self._transport = transport
         self._clock = clock
         self._on_event = on_event
@@ -110,7 +113,10 @@ class Pump(Generic[Data, Event]):
         if self._timer is not None:
             self._timer.cancel()
         self._armed, self._armed_at = deadline, self._clock.now()
-        self._timer = self._clock.call_at(deadline, self._expired)
+        if self._last_deadline is None:
+            self._timer = self._clock.call_at(deadline, self._expired)
+        else:
+            self._timer = self._clock.call_deferrable(deadline, self._last_deadline, self._expired)
 
     def _received(self, data: Data) -> None:
         if self._ended:
@@ -131,7 +137,8 @@ class Pump(Generic[Data, Event]):
             self._arm(deadline)
             return
         now = self._clock.now()
-        if now - max(self._armed, self._armed_at) > STALL_S and deadline != self._postponed:
+        stalled = self._last_deadline is None and now - max(self._armed, self._armed_at) > STALL_S
+        if stalled and deadline != self._postponed:
             self._postponed = deadline
             self._arm(now + _RECEIVE_S)
             return

@@ -64,13 +64,17 @@ def test_force_obeys_the_law_of_the_surface(
     mixed = np.array([[1.0, 0.3, -0.2], [0.3, 0.7, 0.1], [-0.2, 0.1, 0.5]]) * MODE.stiffness / 40e3
     grid = responses(MODE, STEP)
     normal, count = np.array(law.normal), 64
-    positions = np.tile(-depth * normal, (count, 1))
-    velocities = np.tile([speed, 0.5 * speed, 0.1 * speed], (count, 1))
-    forces = PlaneContact(law, grid, mixed).forces(positions, velocities)
+    velocity = np.array([speed, 0.5 * speed, 0.1 * speed])
+    positions = -depth * normal + np.outer(np.arange(count + 1) * STEP, velocity)
+    start = np.concatenate((np.zeros(9), velocity, positions[0]))
+    motion = PlaneContact(law, grid, mixed, np.zeros(3)).motion(start, positions[1:])
+    forces, positions = motion[:, 6:9], positions[1:]
     offset, drift = grid.forced[:, :count, 1 : count + 1] @ (forces @ mixed.T)
+    np.testing.assert_allclose(motion[:, :3], offset, atol=1e-9)
+    np.testing.assert_allclose(motion[:, 3:6], drift, atol=1e-6)
     depths = -(positions + offset) @ normal
-    leaving = (velocities + drift) @ normal
-    sliding = velocities + drift - leaving[:, None] * normal
+    leaving = (velocity + drift) @ normal
+    sliding = velocity + drift - leaving[:, None] * normal
     pressing = np.maximum(np.where(depths > 0.0, stiffness * depths - damping * leaving, 0.0), 0.0)
     ratio = friction * pressing / np.sqrt((sliding**2).sum(axis=1) + 1e-6)
     expected = pressing[:, None] * normal - ratio[:, None] * sliding

@@ -165,7 +165,7 @@ def test_nan_force_is_not_zeroed() -> None:
     injection = bench.robot.handlers["witness"]["nan"]
     assert injection is not None
     bench.controller.force.own.level = (float("nan"),) * 6
-    bench.controller.force._levels = ((float("nan"),) * 6,) * 2
+    bench.controller.force._weights = ((float("nan"),) * 6,) * 2
     bench.controller.zero_force()
     assert bench.controller.force.zeros == ((0.0,) * 6,) * 2
 

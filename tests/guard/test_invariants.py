@@ -315,9 +315,10 @@ def test_end_with_unverified_axes_counts_as_reported(healthy: Evidence) -> None:
     assert violations == both, "a fault of a lateral axis is no excuse"
 
 
-def test_faulty_sensor_may_report_too_much(healthy: Evidence) -> None:
-    offset = {"on": "signal", "fault": "offset", "phase": "track"}
-    assert broken_promises(faulted(rest(healthy, force_n=25.0), offset)) == ()
+@pytest.mark.parametrize("name", ["offset", "noise"])
+def test_faulty_sensor_may_report_too_much(healthy: Evidence, name: str) -> None:
+    fault = {"on": "signal", "fault": name, "phase": "track"}
+    assert broken_promises(faulted(rest(healthy, force_n=25.0), fault)) == ()
     assert [one.promise for one in broken_promises(rest(healthy, force_n=25.0))] == [Promise.LAST_LINE]
 
 

@@ -1,6 +1,7 @@
 """Gymnasium environment: a run of the bridge, one decision at a time."""
 
 import math
+import os
 import threading
 import warnings
 from pathlib import Path
@@ -17,34 +18,10 @@ from hil_bridge.control.laws.policy import OBSERVED
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import ENVIRONMENT, FollowEnv, PolicyController, Transition, replay_policy
 from protocol.geometry import angle_between
-from tests import near_surface
-from tests.near_surface import merged
+from tests.policies.playing import NEAR, PLACE, STIFFNESS, gentle, play, press
+from tools.bench.policies import processes_of_cells
 
 pytestmark = pytest.mark.sweep
-
-NEAR = merged(near_surface.NEAR, {"run": {"duration_s": 1.0}})
-PLACE = {quantity.name: place for place, quantity in enumerate(OBSERVED)}
-STIFFNESS = {"cell.surface.stiffness_n_m": {"from": 3e3, "to": 2e4, "log": True}}
-
-
-def gentle(observation: Any) -> Any:
-    return [0.02 * float(observation[PLACE["error_n"]])]
-
-
-def press(observation: Any) -> Any:
-    return [1.0]
-
-
-def play(env: Any, policy: Any, seed: int | None = None) -> tuple[list[float], list[Any], dict[str, Any]]:
-    """Return the rewards and observations of an episode, and the last info merged with that of the reset."""
-    observation, begun = env.reset(seed=seed)
-    rewards, observations, over, info = [], [observation], False, {}
-    while not over:
-        observation, reward, terminated, truncated, info = env.step(np.array(policy(observation)))
-        rewards.append(float(reward))
-        observations.append(observation)
-        over = terminated or truncated
-    return rewards, observations, {**begun, **info, "terminated": terminated, "truncated": truncated}
 
 
 @pytest.mark.full
@@ -52,7 +29,9 @@ def test_environment_passes_gymnasium_checker() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for actions in (("along",), ("along", "turn")):
-            check_env(gymnasium.make(ENVIRONMENT, config=NEAR, actions=actions).unwrapped)
+            env = gymnasium.make(ENVIRONMENT, config=NEAR, actions=actions, render_mode="rgb_array")
+            check_env(env.unwrapped)
+            env.close()
 
 
 def test_seed_repeats_episodes() -> None:
@@ -121,6 +100,15 @@ def test_observation_equals_decoded_sample() -> None:
         assert values["in_contact"] == cycle.in_contact
 
 
+def test_truth_is_reported_on_request() -> None:
+    env = FollowEnv(config=NEAR, truth=True, beginnings=1)
+    _, info = env.reset(seed=1)
+    assert info["truth_force"][2] > 1.0
+    assert info["truth_position"] == pytest.approx([0.9, -0.1, 0.59], abs=2e-3)
+    env.close()
+    assert "truth_force" not in FollowEnv(config=NEAR, beginnings=1).reset(seed=1)[1]
+
+
 def test_guard_stop_ends_episode_and_is_recorded(tmp_path: Path) -> None:
     env = FollowEnv(surface={"stiffness_n_m": 1e5}, config=NEAR, speed_mm_s=11.0, keep=tmp_path)
     rewards, _, info = play(env, press, 1)
@@ -171,7 +159,7 @@ def test_episode_faults_are_drawn_by_seed() -> None:
     env = FollowEnv(config=NEAR, faults=[late])
     drawn = [play(env, gentle, seed)[2]["drawn"] for seed in (1, 2)]
     assert drawn[0] != drawn[1]
-    assert all('"fault": "late"' in one for one in drawn)
+    assert all(one["faults"][0]["fault"] == "late" for one in drawn)
     (fault,) = env.config(7).faults
     assert 1.0 <= fault.given["ms"] <= 9.0
 
@@ -201,21 +189,25 @@ def test_environments_run_in_subprocesses() -> None:
 
 
 @pytest.mark.full
-def test_episodes_leak_no_memory_or_threads() -> None:
+@pytest.mark.parametrize("beginnings", [0, 2])
+def test_episodes_leak_no_memory_or_threads(beginnings: int) -> None:
     def resident_mb() -> float:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+        pids = [os.getpid(), *processes_of_cells()]
+        return sum(int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in pids) * 4096 / 1e6
 
-    env = FollowEnv(config=NEAR)
+    env = FollowEnv(config=NEAR, beginnings=beginnings)
     env.reset(seed=1)
     before = 0.0
     for number in range(60):
         play(env, gentle)
-        env.reset()  # and left in place
+        env.reset()  # and abandoned
         if number == 39:  # by then, the collector has found the first cells
             before = resident_mb()
     assert resident_mb() - before < 8.0
     env.close()
     assert not [thread for thread in threading.enumerate() if thread.name == "episode"]
+    del env
+    assert not processes_of_cells()
 
 
 @pytest.mark.parametrize(
@@ -239,6 +231,10 @@ def test_episodes_leak_no_memory_or_threads() -> None:
         ),
         ({"config": {"robot": {"url": "s3+serial:///dev/ttyUSB0"}}}, "leave the URL empty"),
         ({"robot": "none-such"}, "none-such"),
+        ({"beginnings": -1}, "beginnings must be an integer from 0"),
+        ({"render_mode": "human"}, 'render_mode must be "rgb_array" or None'),
+        ({"thinking_ms": -1.0}, "thinking_ms must be a number from 0"),
+        ({"thinking_ms": {"from": 5.0}}, "thinking_ms must be a number from 0"),
     ],
 )
 def test_invalid_argument_is_refused(options: dict[str, Any], message: str) -> None:

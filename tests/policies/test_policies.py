@@ -18,7 +18,7 @@ import hil_bridge
 import hil_bridge.gym
 from hil_bridge.cli import cli
 from hil_bridge.control import Measurement, make_controller
-from hil_bridge.control.laws.policy import HIGH, LOW, OBSERVED, PolicyState, observe
+from hil_bridge.control.laws.policy import HIGH, LOW, OBSERVED, observe
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import PolicyController
 from hil_bridge.gym.follow import Options
@@ -150,7 +150,7 @@ def test_action_out_of_range_is_clipped() -> None:
     controller = PolicyController(lambda observation: [9.0, -9.0], ("along", "across"), 5.0)
     measurement = Measurement(0.0, 5.0, 1e-3, 2e-3, dt=0.1)
     state, command = controller.step(controller.initial(), measurement, 10.0)
-    assert state == PolicyState(5.0)
+    assert state.force == 5.0
     assert command.position == pytest.approx(2e-3 + 5e-4)
     assert command.across == pytest.approx(-5e-4)
     unknown = Measurement(0.0, math.nan, 1e-3, 2e-3)

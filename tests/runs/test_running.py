@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from emulators.cell import Cell, TrueState
 from hil_bridge import api
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.devices.device_log import CallbackLog
@@ -176,7 +177,9 @@ def test_log_has_byte_time_of_line() -> None:
             pauses.append(seconds)
 
     reported: list[float] = []
-    run_in_harness(SHORT, [Ear({})], lambda run: reported.append(run.log.byte_time_s))
+    run_in_harness(
+        SHORT, [Ear({LinkRecord: lambda record: None})], lambda run: reported.append(run.log.byte_time_s)
+    )
     assert reported == [pytest.approx(11 / 9600)]  # the S3's line: 9600 baud, eight bits with parity
     assert min(pauses) > reported[0]
 
@@ -187,6 +190,24 @@ def test_truth_is_queried_only_for_a_watcher(monkeypatch: pytest.MonkeyPatch) ->
     run_in_harness(SHORT)
     assert not requested
     run_in_harness(SHORT, [Listener({TruthRecord: lambda record: None})])
+    assert requested
+
+
+def test_true_states_are_queried_only_if_they_are_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    requested: list[int] = []
+    true_states = Cell.true_states
+
+    def counted(cell: Cell[Any, Any], times: Sequence[float]) -> list[TrueState]:
+        requested.append(len(times))
+        return true_states(cell, times)
+
+    monkeypatch.setattr(Cell, "true_states", counted)
+    config = read_config(SHORT)
+    assert execute(config, True, Outputs(), view=False) == 0
+    assert not requested, "the figures do not use them"
+    assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     assert requested
 
 

@@ -11,6 +11,7 @@ BENCHMARKS = (
     "control_step",
     "wake_up",
     "virtual_time",
+    "policies",
     "link_use",
     "answers",
     "web_clients",

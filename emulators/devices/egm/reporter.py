@@ -31,6 +31,7 @@ class Reporter:
         self, profile: EgmProfile, motion: GuidedMotion, arm: FollowedArm, powered_at: float, seed: int
     ) -> None:
         self._profile, self._motion, self._powered_at = profile, motion, powered_at
+        self._version = RobotWare(profile.rw)
         self.measured: tuple[Pose, Joints] = motion.pose, motion.joints
         """Newest measured pose, and the joints that hold it."""
         self._pose = ReportedPose(arm.pose)
@@ -61,7 +62,7 @@ class Reporter:
         microseconds = round((at - self._powered_at) * 1e6)
         time_us = _EPOCH_S * 1_000_000 + microseconds
         pose = self._pose.told(measured, at)
-        newer = profile.rw == "7"
+        newer = self._version is RobotWare.RW7
         message = RobotMessage(
             self._seqno,
             profile.tm_start + microseconds // 1000,
@@ -79,7 +80,7 @@ class Reporter:
             False if newer else None,
         )
         self._seqno += 1
-        return encode_robot(self._altered(message, at), RobotWare(profile.rw))
+        return encode_robot(self._altered(message, at), self._version)
 
     def _in_unit(self, joints: Joints) -> tuple[float, ...]:
         return tuple(joints) if self._profile.joints_in == "radians" else tuple(map(math.degrees, joints))

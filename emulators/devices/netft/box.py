@@ -20,7 +20,7 @@ from emulators.devices.netft.filter import SampleFilter
 from emulators.devices.netft.profile import NetFtProfile
 from emulators.faults.ledger import Handler
 from emulators.faults.own import OwnFaults
-from emulators.faults.packets import DATAGRAMS, SENSOR_WIRE, Packets
+from emulators.faults.packets import SENSOR_WIRE, StampedPackets
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
 from emulators.sensing.settings import per_axis, unrest
@@ -83,7 +83,7 @@ class NetBox:
         )
         self._measured = MeasuredWrench(source, self._family.rate_hz, converter, seed, "cell.netft.noise_n")
         self.filter = SampleFilter(self._measured, profile)
-        self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} frames")
+        self.endpoint = StampedPackets(self, f"{seed} frames")
         """Box's end of the wire."""
         self._out: list[bytes] = []
         self.bias: Floats = np.zeros(6)
@@ -183,8 +183,17 @@ class NetBox:
         stream = self._stream
         return None if stream is None else stream.next / self._family.rate_hz + self.profile.latency_s
 
+    def last_deadline(self, until: float) -> float:
+        """Return the time at which the last record up to `until` is due, s; `until` if there is no stream."""
+        stream = self._stream
+        if stream is None:
+            return until
+        newest = self._measured.number_at(until - self.profile.latency_s)
+        last = newest - (newest - stream.next) % self.step
+        return min(last / self._family.rate_hz + self.profile.latency_s, until)
+
     def handle_deadline(self, now: float) -> None:
-        """Send every record that is due."""
+        """Send every record that is due. Each has the time at which it was due."""
         self._send_due(now, _MOST_AT_ONCE)
 
     # --- requests
@@ -210,9 +219,10 @@ class NetBox:
     # --- samples
 
     def _send_due(self, now: float, most: int = INTERNAL_RATE_HZ) -> None:
-        newest = self._measured.number_at(now - self.profile.latency_s)
+        newest, step = self._measured.number_at(now - self.profile.latency_s), self.step
         while (stream := self._stream) is not None and stream.next <= newest and most:
-            self._sample(stream, now)
+            due = stream.next / self._family.rate_hz + self.profile.latency_s
+            self._sample(stream, min(due, now), step)
             most -= 1
 
     @property
@@ -271,9 +281,9 @@ class NetBox:
         fx, fy, fz, mx, my, mz = (unit / rating for unit, rating in zip(units, ratings, strict=True))
         return max(math.hypot(fx, fy) + mz, fz + math.hypot(mx, my)) > _LOAD_MAX
 
-    def _sample(self, stream: _Stream, now: float) -> None:
-        """Measure the next sample and report it."""
-        number, state, step = stream.next, self.filter.output, self.step
+    def _sample(self, stream: _Stream, now: float, step: int) -> None:
+        """Measure the next sample and report it. Records are `step` samples apart."""
+        number, state = stream.next, self.filter.output
         ft = (number - self._first) // self._every % WRAP
         if not self._faults.any:  # the usual case
             state = self.filter.read(number, step)
@@ -292,7 +302,7 @@ class NetBox:
         stream.buffer.append(pack_record(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
-            self._out.append(Datagram(b"".join(stream.buffer), side=stream.side))
+            self._out.append(Datagram(b"".join(stream.buffer), now, stream.side))
             stream.buffer.clear()
         if over:
             self._stop(now)

@@ -133,6 +133,8 @@ class AxisCorrection:
     def take(self, value: tuple[float, ...]) -> str:
         """Apply the correction of a cycle. Return an error, which leaves the total unchanged, or an empty string."""
         profile, before = self._profile, self.total
+        if value == before == NOTHING:  # the usual case: only the pose is corrected
+            return ""
         if profile.mode == "relative":
             value = tuple([here + more for here, more in zip(before, value, strict=True)])
         limits = zip(self._lowest, value, self._highest, strict=True)

@@ -20,6 +20,7 @@ NO_AXES: Axes = (math.nan,) * 6
 _EXTERNAL = range(1, 7)
 _ACTUAL, _LATE, _STATUS, _OVERRIDE = pose_tags("RIst"), "Delay.D", "ProgStatus.R", "OvPro.R"
 _AXES, _TORQUES = axis_tags("AIPos"), axis_tags("GearTorque")
+_TORQUE_TAGS = frozenset(_TORQUES)
 _NO_NUMBER = "NaN"
 
 
@@ -50,7 +51,7 @@ class Reporter:
                 if _AXES[0] in values:
                     axes = NO_AXES if math.isnan(pose.position[0]) else self._arm.axes_of(pose)
                     values.update(zip(_AXES, self._texts(axes), strict=True))
-        if any(tag in values for tag in _TORQUES) and (torques := self._arm.torques(now)) is not None:
+        if not _TORQUE_TAGS.isdisjoint(values) and (torques := self._arm.torques(now)) is not None:
             texts = zip(_TORQUES, self._texts(torques), strict=True)
             values.update({tag: text for tag, text in texts if tag in values})
         if _LATE in values:

@@ -91,19 +91,19 @@ class Drives:
         row = self._noise.row(self._number)
         self._number += 1
         passed = min(1.0, self._period / self._time) if self._time else 1.0
+        sizes, rates, smoothed, phases = self._sizes, self._rates, self._smoothed, self._phases
         for joint, (speed, normal) in enumerate(zip(speeds, row, strict=True)):
-            moves = min(1.0, speed / self._slow)
+            moves = speed / self._slow if speed < self._slow else 1.0
             share = passed * moves
-            size = self._sizes[joint] + passed * (
-                moves * (self._slow_error + self._more_error * speed) - self._sizes[joint]
-            )
-            self._sizes[joint] = size if size > _NEGLIGIBLE_RAD else 0.0
-            self._rates[joint] += math.sqrt(2.0 * share) * normal - share * self._rates[joint]
-            smoothed = min(1.0, share / _SMOOTHING)
-            self._smoothed[joint] += smoothed * (self._rates[joint] - self._smoothed[joint])
-            self._phases[joint] += share * (_RATE + _SPREAD * math.tanh(self._smoothed[joint]))
-            self._errors[joint] = _PEAK * self._sizes[joint] * math.sin(self._phases[joint])
-        self._deviates = any(self._sizes)
+            size = sizes[joint]
+            size += passed * (moves * (self._slow_error + self._more_error * speed) - size)
+            sizes[joint] = size = size if size > _NEGLIGIBLE_RAD else 0.0
+            rates[joint] += math.sqrt(2.0 * share) * normal - share * rates[joint]
+            smoothing = min(1.0, share / _SMOOTHING)
+            smoothed[joint] += smoothing * (rates[joint] - smoothed[joint])
+            phases[joint] += share * (_RATE + _SPREAD * math.tanh(smoothed[joint]))
+            self._errors[joint] = _PEAK * size * math.sin(phases[joint])
+        self._deviates = any(sizes)
 
 
 class ArmSensors:

@@ -82,8 +82,8 @@ class ForceReading:
         """Zeros to subtract: from the reading of the own sensor, and from the force for force mode. They are in the
         axes of the sensor's offset.
         """
-        self._levels: tuple[Wrench, Wrench] = (NO_WRENCH, NO_WRENCH)
-        """Both readings in the newest cycle, without noise and before zeroing, in base axes."""
+        self._weights: tuple[Wrench, Wrench] = (NO_WRENCH, NO_WRENCH)
+        """Weight that the payload does not account for in both readings in the newest cycle, in base axes."""
         self._turn = _BASE
         """Orientation of the sensor's offset in the newest cycle."""
         self.tool_force: Wrench = NO_WRENCH
@@ -114,7 +114,7 @@ class ForceReading:
     def zero(self) -> None:
         """Zero the own sensor at the current force. A non-finite force leaves the zero unchanged."""
         turn = inverse(self._turn)
-        reported, sensed = (_turned(turn, level) for level in self._levels)
+        reported, sensed = (_turned(turn, _plus(self.own.level, weight)) for weight in self._weights)
         if all(map(math.isfinite, (*reported, *sensed))):
             self.zeros = reported, sensed
 
@@ -130,15 +130,19 @@ class ForceReading:
     def _read_own(self, now: float, moving: bool, tool: Tool) -> Wrench:
         """Read the arm's own sensor at the time `now`, s. The arm reports no moments caused by a contact."""
         own = self.own.at(now, moving, tool.turn)
-        arm = rotate(tool.turn, tool.tcp.position)
-        left = _minus(self.load.weight(tool.turn), tool.payload.weight(tool.turn))
-        at_tool = about_tool(left, arm)
+        left = at_tool = NO_WRENCH
+        if self.load != tool.payload:
+            left = _minus(self.load.weight(tool.turn), tool.payload.weight(tool.turn))
+            at_tool = about_tool(left, rotate(tool.turn, tool.tcp.position))
         reported = at_tool if self._at_tcp else left
         self._turn = tool.turn if self._turns else _BASE
-        self._levels = _plus(self.own.level, reported), _plus(self.own.level, at_tool)
-        zeros = [_turned(self._turn, zero) for zero in self.zeros]
-        self.tool_force = _minus(_plus(own, at_tool), zeros[1])
-        return _minus(_plus(own, reported), zeros[0])
+        self._weights = reported, at_tool
+        zero, zero_at_tool = self.zeros
+        force = _minus(_plus(own, reported), _turned(self._turn, zero))
+        self.tool_force = force
+        if at_tool is not reported or zero_at_tool != zero:
+            self.tool_force = _minus(_plus(own, at_tool), _turned(self._turn, zero_at_tool))
+        return force
 
     def _read_external(self, wrench: Value | None, tool: Tool) -> Wrench:
         """Read a client's `external_force_torque`, given in the axes of the flange and with moments about the

@@ -199,7 +199,9 @@ def _unambiguous_distance(arm: Arm, joints: Joints) -> float:
 
 def _wound(angle: float, near: float) -> float:
     """Return the equivalent angle, modulo full turns, that is nearest to `near` and within the range."""
-    angle += 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))
+    turns = (near - angle) / (2.0 * math.pi)
+    if not -0.5 <= turns <= 0.5:
+        angle += 2.0 * math.pi * round(turns)
     if angle > RANGE:
         return angle - 2.0 * math.pi
     return angle + 2.0 * math.pi if angle < -RANGE else angle

@@ -72,8 +72,8 @@ class ControllerHost:
 
     def read_register(self, direction: str, kind: str, number: int) -> float:
         name, shift = _register(direction, kind, number)
-        controller = self._controller
-        value = number_in(controller.io.inputs if direction == "input" else controller.io.outputs, name)
+        io = self._controller.io
+        value = number_in(io.inputs if direction == "input" else io.outputs, name)
         return value if shift is None else int(value) >> shift & 1
 
     def write_register(self, kind: str, number: int, value: float) -> None:

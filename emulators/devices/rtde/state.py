@@ -65,7 +65,7 @@ def _speed(state: Snapshot, joints: Joints, speeds: Joints) -> Value:
     if not any(speeds):
         return _NONE
     time = state.period
-    a, b, c, d, e, f = (joint - time * speed for joint, speed in zip(joints, speeds, strict=True))
+    a, b, c, d, e, f = [joint - time * speed for joint, speed in zip(joints, speeds, strict=True)]
     before = compose(flange(state.lengths, (a, b, c, d, e, f)), state.tcp)
     here = compose(flange(state.lengths, joints), state.tcp)
     turned = product(here.quaternion, inverse(before.quaternion))

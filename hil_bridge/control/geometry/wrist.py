@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from hil_bridge.control.geometry.frames import (
     STANDARD_GRAVITY,
@@ -97,13 +98,13 @@ class Wrist:
             if quaternion_tare is not None:
                 a, b, c = unit_rows(quaternion_tare)[2]
                 x, y, z = x - a, y - b, z - c
-            offset = tuple(at + a * x + b * y + c * z for at, (a, b, c) in zip(offset, weight, strict=True))
+            offset = tuple([at + a * x + b * y + c * z for at, (a, b, c) in zip(offset, weight, strict=True)])
         (a, b, c), (d, e, f), (g, h, i) = rows
-        directions = tuple(
+        directions = [
             (a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z)
             for x, y, z in directions_base
-        )
-        return WristAtOrientation(matrix, offset, directions)
+        ]
+        return WristAtOrientation(matrix, offset, tuple(directions))
 
 
 Rows = tuple[tuple[float, ...], ...]
@@ -141,8 +142,7 @@ def _rows(columns: Sequence[Array]) -> Rows:
     return tuple(map(tuple, np.transpose(columns).tolist()))
 
 
-@dataclass(frozen=True, slots=True)
-class WristAtOrientation:
+class WristAtOrientation(Struct, frozen=True, gc=False):
     """Wrist at one orientation, in plain numbers, because arrays of three elements would take ten times as long in
     every cycle.
     """

@@ -7,6 +7,7 @@ controls, a share of the largest move of the set point in one sample.
 import hashlib
 import math
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -17,6 +18,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
+from hil_bridge.control.laws.thinking import MEASURED, Mind, Thinking, check_thinking, think, thinking_time
 from hil_bridge.control.types import SAMPLE_MS, STREAM_SAMPLES_MS, Command, Measurement, Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
@@ -92,6 +94,8 @@ OBSERVED: tuple[Quantity, ...] = (
 LOW: Observed = np.array([one.low for one in OBSERVED], np.float32)
 HIGH: Observed = np.array([one.high for one in OBSERVED], np.float32)
 _NO_SAMPLE = (0.0,) * 10
+THINKING = "thinking_ms"
+"""Name of the thinking time in the explanation of a cycle in which a policy decides that has a thinking time."""
 
 
 def observe(measurement: Measurement, reference: float, before: float | None) -> Observed:
@@ -140,6 +144,7 @@ class PolicyState(Struct, frozen=True):
 
     force: float | None = None
     """Force of the previous sample, N; None before the first sample."""
+    mind: Mind = Mind()
 
 
 def _check(controller: "PolicyController | PolicyFile") -> None:
@@ -148,6 +153,7 @@ def _check(controller: "PolicyController | PolicyFile") -> None:
         value = getattr(controller, name)
         if not (math.isfinite(value) and value > 0.0):
             raise SettingError(name, "must be above 0")
+    check_thinking(controller.thinking_ms)
 
 
 def _answer(
@@ -159,21 +165,40 @@ def _answer(
     """Return the set point after the policy's action. A force or a position that is not a number causes no motion."""
     if not measurement.is_finite:
         return state, Command(measurement.commanded, 0.0)
-    action = np.asarray(controller.policy(observe(measurement, reference, state.force)), np.float64).reshape(
-        -1
+    now = measurement.time if measurement.sample is None else measurement.sample.now
+    mind, took_ms = think(
+        state.mind, now, lambda: _decide(controller, observe(measurement, reference, state.force), now)
+    )
+    axes, action = controller.axes, mind.action or (0.0,) * len(controller.axes)
+    farthest = controller.speed_mm_s * 1e-3 * measurement.dt
+    within = {axis: min(max(share, -1.0), 1.0) for axis, share in zip(axes, action, strict=True)}
+    along, across = (within.get(axis, 0.0) * farthest for axis in AXES[:2])
+    turn = within.get(TURN, 0.0) * math.radians(controller.turn_deg_s) * measurement.dt
+    numbers = {f"action_{axis}": share for axis, share in zip(axes, action, strict=True)}
+    if took_ms is not None and controller.thinking_ms:
+        numbers[THINKING] = took_ms
+    command = Command(measurement.commanded + along, along, explanation=numbers, across=across, turn=turn)
+    return PolicyState(measurement.force, mind), command
+
+
+def _decide(
+    controller: "PolicyController | PolicyFile", observation: Observed, now: float
+) -> tuple[tuple[float, ...], float]:
+    """Return the policy's action and its thinking time, ms. Raises ValueError if the action is invalid."""
+    is_measured = controller.thinking_ms == MEASURED
+    began = controller.stopwatch() if is_measured else 0.0
+    action = np.asarray(controller.policy(observation), np.float64).reshape(-1)
+    takes_ms = (
+        (controller.stopwatch() - began) * 1e3
+        if is_measured
+        else thinking_time(controller.thinking_ms, controller.thinking_seed, now)
     )
     axes = controller.axes
     if action.shape != (len(axes),):
         raise ValueError(f"the policy answers {action.size} numbers, not one for each of {', '.join(axes)}")
     if not np.isfinite(action).all():
         raise ValueError(f"the policy answers {action.tolist()}, which is not all numbers")
-    farthest = controller.speed_mm_s * 1e-3 * measurement.dt
-    within = dict(zip(axes, np.clip(action, -1.0, 1.0).tolist(), strict=True))
-    along, across = (within.get(axis, 0.0) * farthest for axis in AXES[:2])
-    turn = within.get(TURN, 0.0) * math.radians(controller.turn_deg_s) * measurement.dt
-    shares = {f"action_{axis}": float(share) for axis, share in zip(axes, action, strict=True)}
-    command = Command(measurement.commanded + along, along, explanation=shares, across=across, turn=turn)
-    return PolicyState(measurement.force), command
+    return tuple(action.tolist()), takes_ms
 
 
 _TUNINGS = tuple(Tuning(cycle_ms, {}) for cycle_ms in STREAM_SAMPLES_MS)
@@ -195,6 +220,14 @@ class PolicyController:
     """Turning speed of the tool for an action of 1, °/s. Chosen: below the guard's limit, `limits.turn_deg_s`."""
     sample_ms: float = SAMPLE_MS
     """Sample time that the policy was made for, ms; a run sets it to that of the robot's cycle."""
+    thinking_ms: Thinking = 0.0
+    """Time from an observation until its action takes effect, ms. The robot applies it in the first cycle after that;
+    until then the previous action continues.
+    """
+    thinking_seed: int = 0
+    """Seed of the thinking times that are drawn from a range."""
+    stopwatch: Callable[[], float] = field(default=time.perf_counter, repr=False, compare=False)
+    """Clock that measures the thinking time `"measured"`, s."""
 
     @property
     def turns(self) -> bool:
@@ -240,8 +273,11 @@ class PolicyFile:
     """Turning speed of the tool for an action of 1, °/s: the one that the policy was trained with."""
     sample_ms: float = SAMPLE_MS
     """Sample time that the policy was made for, ms; a run sets it to that of the robot's cycle."""
+    thinking_ms: float = 0.0
+    """Time from an observation until its action takes effect, ms; meanwhile the previous action continues."""
     policy: Policy = field(init=False, repr=False, compare=False)
     axes: tuple[Axis, ...] = field(init=False, repr=False, compare=False)
+    thinking_seed: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         _check(self)
@@ -264,12 +300,18 @@ class PolicyFile:
         object.__setattr__(self, "axes", AXES[:count])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PolicyFile, (self.file, self.sha256, self.speed_mm_s, self.turn_deg_s, self.sample_ms)
+        values = self.file, self.sha256, self.speed_mm_s, self.turn_deg_s, self.sample_ms, self.thinking_ms
+        return PolicyFile, values
 
     @property
     def turns(self) -> bool:
         """Whether the policy turns the tool."""
         return TURN in self.axes
+
+    @property
+    def stopwatch(self) -> Callable[[], float]:
+        """Clock as that of a `PolicyController`; not used for a thinking time that is a number."""
+        return time.perf_counter
 
     def initial(self) -> PolicyState:
         """Return the state before the first sample in contact."""

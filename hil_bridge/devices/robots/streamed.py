@@ -185,15 +185,20 @@ class StreamedLink(Generic[Data]):
         """
         if self._failure is not None:
             raise self._failure
-        waiting: asyncio.Future[RobotReport] = self._clock.loop.create_future()
+        loop = self._clock.loop
+        waiting: asyncio.Future[RobotReport] = loop.create_future()
         self._waiting.add(waiting)
+        expiry = loop.call_later(patience, self._expire, waiting, patience, remedy)
         try:
-            async with asyncio.timeout(patience):
-                return await waiting
-        except TimeoutError:
-            raise self._startup_error or self._silent(patience, remedy) from None
+            return await waiting
         finally:
+            expiry.cancel()
             self._waiting.discard(waiting)
+
+    def _expire(self, waiting: "asyncio.Future[RobotReport]", patience: float, remedy: str) -> None:
+        """Fail a wait for a report that has taken too long."""
+        if not waiting.done():
+            waiting.set_exception(self._startup_error or self._silent(patience, remedy))
 
     def _take(self, event: StreamEvent) -> None:
         match event:

@@ -177,7 +177,8 @@ class ForceSensor:
         return self._watch.dead
 
     def start(self) -> None:
-        """Start receiving and initialize the device."""
+        """Start receiving and initialize the device. Frames may come together while no task waits for one."""
+        self._clock.may_defer = True
         self._pump.start()
 
     async def ready(self) -> SensorFacts:
@@ -277,7 +278,11 @@ class ForceSensor:
         self.check()
         waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._waiters.append((event, waiter))
-        await waiter
+        self._clock.may_defer = False
+        try:
+            await waiter
+        finally:
+            self._clock.may_defer = not self._waiters
 
     def _take(self, event: SensorEvent) -> None:
         match event:

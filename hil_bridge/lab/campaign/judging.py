@@ -2,10 +2,11 @@
 
 import math
 import time
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
+from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, Figure, find_unmet
 from hil_bridge.lab.campaign.fault_effects import struck_causes, struck_faults
@@ -20,7 +21,9 @@ from hil_bridge.lab.invariants import (
     violation_detail,
 )
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.record.topics import RECORDS
 from hil_bridge.runs.background_tasks import background_task
+from hil_bridge.runs.simulation import simulating
 
 REFUSED = "refused"
 """Outcome of a run that has contradictory settings, or that a device refused before any motion."""
@@ -90,13 +93,16 @@ def configure_run(job: Job) -> Config:
     return config_with(job.config, job.table, job.seed)
 
 
-def run(config: Config) -> RunFigures:
-    """Execute one run in virtual time and sample its true force. Raises ConfigError for a run that cannot start."""
+def run(config: Config, takes: Collection[type] = RECORDS) -> RunFigures:
+    """Execute one run in virtual time and sample its true force. Raises ConfigError for a run that cannot start.
+
+    `takes` holds the types of records that the result keeps. `READ_RECORDS` is sufficient for all figures.
+    """
     observed = _Observation()
 
     async def main() -> None:
         try:
-            async with simulation(config) as running:
+            async with simulating(config, None, takes) as running:
                 observed.simulation = running
                 watch = observed.watch = Watch(running)
                 try:

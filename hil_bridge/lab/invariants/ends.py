@@ -60,7 +60,8 @@ def false_last_lines(evidence: Evidence) -> Iterator[Violation]:
     at_least = bool(rest.get("at_least"))
     if math.isfinite(reported_n):
         low = 0.0 if at_least else _verified_n(evidence, trace, rest) - reported_n
-        high = 0.0 if any(rows_of(fault) for fault in faults) else reported_n - true_n
+        is_falsified = any(fault.on == "signal" or rows_of(fault) for fault in faults)
+        high = 0.0 if is_falsified else reported_n - true_n
         off = max(low, high)
         if off > max(FORCE_OFF_N, FORCE_OFF_SHARE * true_n):
             yield Violation(Promise.LAST_LINE, at, {"told": reported_n, "true": true_n}, "N")

@@ -15,6 +15,7 @@ from hil_bridge.lab.campaign.judging import run
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.lab.tuning.space import Point
 from hil_bridge.record.analysis.figures import FIGURES, TUNED
+from hil_bridge.record.kept import READ_RECORDS
 from hil_bridge.settings.configuration import read_config
 
 FAILURE = "failure"
@@ -166,7 +167,7 @@ def figures_of(job: Job) -> Figures:
     values["controller"]["parameters"] |= json.loads(job.parameters)
     values["run"]["seed"] = job.seed
     try:
-        return run(read_config(values)).figures
+        return run(read_config(values), READ_RECORDS).figures
     except Exception as error:  # an invalid point must not lose the other points
         return {
             "outcome": "error",

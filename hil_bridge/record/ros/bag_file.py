@@ -36,7 +36,7 @@ minutes.
 MESSAGE_BYTES = 1 << 20
 """Largest size of a message that is read, bytes. Chosen: a message of `/tf` with thousands of frames."""
 CDR = "cdr"
-OWN_LIBRARY = "hil-bridge"
+OWN_WRITER = "hil-bridge"
 """Library name in the header of recordings that this program writes."""
 _HEADER_BYTES = 4096
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -73,7 +73,7 @@ def is_bag(path: Path) -> bool:
     if not head.startswith(MAGIC):
         return False
     header = _header(head)
-    if header is None or header.library == OWN_LIBRARY:
+    if header is None or header.library == OWN_WRITER:
         return False
     return header.profile == ROS_PROFILE or _first_encoding(path) == CDR
 

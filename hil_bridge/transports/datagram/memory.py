@@ -2,13 +2,18 @@
 
 Each end has a path to the network, with its own delays and faults. A datagram passes both paths: the path of its
 sender and the path of its receiver. The two directions of a path use separate random numbers.
+
+Datagrams that are sent together arrive together if no path changes them. A sender may give a datagram the time at
+which it left, `received_at`; it then arrives with the time at which it would have arrived.
 """
 
 import itertools
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import groupby
+from typing import TypeAlias
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.clock.per_loop import of_loop
@@ -19,12 +24,15 @@ from hil_bridge.transports.base import Datagrams
 from hil_bridge.transports.datagram.peer import Notices, Peer, Presence
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
 from hil_bridge.transports.delivery import Delivery, TimedQueue
-from protocol.datagram import Datagram, side_of
+from protocol.datagram import Datagram, arrived_at, side_of
 
 HELD_S = 0.1
 """Longest time for which a datagram is held so that the next one overtakes it, s. Chosen: several cycles of a
 streaming robot.
 """
+
+Timed: TypeAlias = list[tuple[float, bytes]]
+"""Datagrams that travel together, each with its time, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,10 +148,18 @@ class MemoryDatagrams:
     def send(self, data: Datagrams) -> None:
         self._delivery.check()
         check_sizes(self.name, data)
-        for datagram in data:
-            target = self._peer.target(side_of(datagram))
-            accepted = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
-            self._counts["sent" if accepted else "dropped"] += 1
+        if len(data) == 1:
+            self._send_to(side_of(data[0]), data)
+        else:
+            for side, together in groupby(data, side_of):
+                self._send_to(side, together)
+
+    def _send_to(self, side: Hashable, data: Iterable[bytes]) -> None:
+        now, target = self._clock.now(), self._peer.target(side)
+        timed = [(arrived_at(one, now), one) for one in data]
+        accepted = 0 if target is None else self._leaving.put(partial(self._reach, target), timed)
+        self._counts["sent"] += accepted
+        self._counts["dropped"] += len(timed) - accepted
 
     def take_in(self) -> None:
         """Do nothing, because there is no receive buffer of the operating system."""
@@ -162,27 +178,28 @@ class MemoryDatagrams:
         if self._ends.get(self._address) is self:
             del self._ends[self._address]
 
-    def _reach(self, datagram: bytes, target: str) -> None:
-        """Deliver a datagram to the other end through that end's path."""
+    def _reach(self, target: str, timed: Timed) -> None:
+        """Deliver datagrams to the other end through that end's path."""
         there = self._ends.get(target)
         if there is None:
-            self._counts["unreachable"] += 1
-            self._presence.miss(self.name, target, "no program listens there; start the other side")
+            for _ in timed:
+                self._counts["unreachable"] += 1
+                self._presence.miss(self.name, target, "no program listens there; start the other side")
         elif there._arriving is None:
-            there._take(datagram, self._address)
+            there._take(self._address, timed)
         else:
-            there._arriving.put(partial(there._take, datagram, self._address))
+            there._arriving.put(partial(there._take, self._address), timed)
 
-    def _take(self, datagram: bytes, source: str) -> None:
+    def _take(self, source: str, timed: Timed) -> None:
         delivery, now = self._delivery, self._clock.now()
         if delivery.ended is not None:
             return
-        if not self._peer.takes(source, now):
+        if sum(self._peer.takes(source, now) for _ in timed) < len(timed):
             self._notices.tell(EventKind.STRANGER, f"{self.name}: datagrams of {source} are refused")
             return
         overruns = delivery.overruns
-        delivery.data([Datagram(datagram, now, source)])
-        self._counts["received"] += overruns == delivery.overruns
+        delivery.data([Datagram(datagram, at, source) for at, datagram in timed])
+        self._counts["received"] += len(timed) - (delivery.overruns - overruns)
         self._presence.hear()
 
 
@@ -196,7 +213,7 @@ class _Direction:
         self._clock = clock
         self._draw = None if path.changes_nothing else random.Random(seed).random
         self._queue = TimedQueue(clock)
-        self._held: Callable[[], None] | None = None
+        self._held: Callable[[float], None] | None = None
         self._timer: Timer | None = None
         self.lost = 0
         """Number of lost datagrams."""
@@ -205,41 +222,51 @@ class _Direction:
         self.full = 0
         """Number of datagrams dropped because the queue was full."""
 
-    def put(self, action: Callable[[], None]) -> bool:
-        """Execute `action` when the datagram has passed, never within this call. Return whether there was room for
-        the datagram.
+    def put(self, action: Callable[[Timed], None], timed: Timed) -> int:
+        """Execute `action` for datagrams that have passed, never within this call. Return for how many datagrams
+        there was room.
         """
-        if self._queue.weight >= QUEUE_DATAGRAMS:
-            self.full += 1
-            return False
-        path, draw = self._path, self._draw
-        if draw is None:
-            self._queue.put(action, 1, 0.0)
-            return True
+        room = max(QUEUE_DATAGRAMS - self._queue.weight, 0)
+        if len(timed) > room:
+            self.full += len(timed) - room
+            timed = timed[:room]
+        if self._draw is not None:
+            for at, datagram in timed:
+                self._disturb(action, at, datagram, self._draw)
+        elif timed:
+            self._queue.put(partial(action, timed), len(timed), 0.0)
+        return len(timed)
+
+    def _disturb(
+        self, action: Callable[[Timed], None], at: float, datagram: bytes, draw: Callable[[], float]
+    ) -> None:
+        """Let a datagram pass a path with delays and faults."""
+        path = self._path
         # draw all numbers for every datagram, so that no probability affects the numbers of the others
         lost, doubled, overtaken = draw() < path.loss, draw() < path.duplicate, draw() < path.reorder
-        delay, delay_of_copy = (path.latency_s + path.jitter_s * draw() for _ in range(2))
+        delays = [path.latency_s + path.jitter_s * draw() for _ in range(2)]
+        passing = partial(self._pass, action, datagram, delays if doubled else delays[:1])
         if lost:
             self.lost += 1
         elif overtaken and self._held is None:
-            self._held = partial(self._pass, action, doubled, delay, delay_of_copy)
-            self._timer = self._clock.call_at(self._clock.now() + HELD_S, self._release)
+            self._held = passing
+            self._timer = self._clock.call_at(at + HELD_S, lambda: self._release(self._clock.now()))
         else:
-            self._pass(action, doubled, delay, delay_of_copy)
-            self._release()
-        return True
+            passing(at)
+            self._release(at)
 
-    def _pass(self, action: Callable[[], None], doubled: bool, delay: float, delay_of_copy: float) -> None:
-        self._queue.put(action, 1, delay)
-        if doubled:
-            self.duplicated += 1
-            self._queue.put(action, 1, delay_of_copy)
+    def _pass(
+        self, action: Callable[[Timed], None], datagram: bytes, delays: Sequence[float], at: float
+    ) -> None:
+        self.duplicated += len(delays) - 1
+        for delay in delays:
+            self._queue.put_timed(lambda when: action([(when, datagram)]), 1, at + delay)
 
-    def _release(self) -> None:
-        """Release the held datagram."""
+    def _release(self, at: float) -> None:
+        """Release the held datagram, which leaves at this time, s."""
         release, self._held = self._held, None
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         if release is not None:
-            release()
+            release(at)

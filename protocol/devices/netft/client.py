@@ -155,7 +155,8 @@ class NetFtClient(Outbox[bytes]):
 
     def _process_record(self, datagram: bytes, now: float) -> None:
         rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(datagram)
-        self._due = now + self._profile.silence_s
+        arrived = arrived_at(datagram, now)
+        self._due = arrived + self._profile.silence_s
         saturated, events, family = 0, self._sensor_events, self._family
         if status and not events.knows_status(status):
             text = f"status {status:08X}: {family.words(status)}"
@@ -168,15 +169,15 @@ class NetFtClient(Outbox[bytes]):
         if not events.ready:
             self._rdt, self._ft, self._sequence = rdt, ft, ft
             events.begin(self._facts())
-            self._rates.begin(ft, arrived_at(datagram, now))
+            self._rates.begin(ft, arrived)
         elif not self._is_next(rdt, ft):
             return
-        elif rate := self._rates.take(self._sequence, arrived_at(datagram, now)):
+        elif rate := self._rates.take(self._sequence, arrived):
             self._fail_for_rate("it takes about", nearest_known(rate))
             return
         self._requests = self._behind = self.statistics.standing = 0
         counted = self._sequence / self._profile.internal_rate_hz
-        at = self._clock.sent_at(counted, arrived_at(datagram, now))
+        at = self._clock.sent_at(counted, arrived)
         events.numbered_sample((fx, fy, fz, tx, ty, tz), ft, self._sequence, at, saturated)
 
     def _is_next(self, rdt: int, ft: int) -> bool:

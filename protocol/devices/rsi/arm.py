@@ -123,16 +123,16 @@ class KukaArm:
 
 
 def _from_kuka(axes: Joints) -> Joints:
-    a, b, c, d, e, f = (
+    a, b, c, d, e, f = [
         math.radians(turned * axis + ahead)
         for axis, turned, ahead in zip(axes, _TURNED, _AHEAD_DEG, strict=True)
-    )
+    ]
     return a, b, c, d, e, f
 
 
 def _to_kuka(joints: Joints) -> Joints:
-    a, b, c, d, e, f = (
+    a, b, c, d, e, f = [
         turned * (math.degrees(joint) - ahead)
         for joint, turned, ahead in zip(joints, _TURNED, _AHEAD_DEG, strict=True)
-    )
+    ]
     return a, b, c, d, e, f

@@ -15,8 +15,13 @@ NO_CORRECTION: Correction = (0.0,) * 6
 
 def offset_between(actual: Pose, planned: Pose) -> Correction:
     """Return the correction that leads from the planned to the actual pose."""
-    x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
-    return (x, y, z, *angles_of(product(actual.quaternion, inverse(planned.quaternion))))
+    (x, y, z), (u, v, w) = actual.position, planned.position
+    return (
+        (x - u) * 1e3,
+        (y - v) * 1e3,
+        (z - w) * 1e3,
+        *angles_of(product(actual.quaternion, inverse(planned.quaternion))),
+    )
 
 
 def correction_for(pose: Pose, origin: tuple[Pose, Correction], near: Correction) -> Correction:

@@ -197,7 +197,7 @@ def fixed(value: float, decimals: int) -> str:
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be sent")
     text = f"{value:.{decimals}f}"
-    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+    return text[1:] if text[0] == "-" and not text.strip("-0.") else text
 
 
 def _escape(text: str) -> str:

@@ -71,7 +71,7 @@ def program_text(
         pose=", ".join(f"read_input_float_register({number})" for number in range(POSE, POSE + 6)),
         hold=hold_cycles,
         brake=f"{deceleration_m_s2:g}",
-        step=f"{joint_step_rad:g}",
+        leap=" or ".join(f"norm(n[{joint}] - q[{joint}]) > {joint_step_rad:g}" for joint in range(6)),
     )
 
 
@@ -105,12 +105,8 @@ def {name}():
       near = get_inverse_kin_has_solution(x, q)
       if near:
         n = get_inverse_kin(x, q)
-        j = 0
-        while j < 6:
-          if norm(n[j] - q[j]) > {step}:
-            near = False
-          end
-          j = j + 1
+        if {leap}:
+          near = False
         end
       end
       if near:

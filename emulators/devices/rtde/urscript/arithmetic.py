@@ -26,6 +26,8 @@ _BITS = 32
 
 
 def _norm(value: Value) -> Value:
+    if value.__class__ is float:
+        return abs(value)
     if isinstance(value, tuple):
         return math.hypot(*map(number, value))
     return abs(number(value))

@@ -1,10 +1,11 @@
 """Expressions of a program, compiled to closures: `run(frame)` returns the value.
 
-A frame is a list: the enclosing frame, the task, then the variables. An expression that calls a waiting function is
-a generator instead; its `Part.waits` is true. Python itself never evaluates text of a program.
+A frame is a list: the enclosing frame, the task, then the variables. An expression that calls a waiting function
+returns a generator instead; its `Part.waits` is true. Python itself never evaluates text of a program.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from types import GeneratorType
 from typing import Any
 
 from emulators.devices.rtde.urscript import values
@@ -22,7 +23,7 @@ from emulators.devices.rtde.urscript.parts import (
     answer,
     charge,
     combined,
-    values_of_parts,
+    deferred,
 )
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value
@@ -164,7 +165,7 @@ class Expressions:
     def _trailer(self, part: Part, trailer: Node) -> Part:
         if trailer.kind == "index":
             for child in trailer.children:
-                part = combined([part, self.value(child)], _element)
+                part = _index(part, self.value(child))
             return part
         name = trailer.children[0]
         if trailer.kind == "member":
@@ -240,7 +241,9 @@ class Expressions:
 
             def wait(frame: Frame) -> Any:
                 for part in parts:
-                    value = (yield from part.run(frame)) if part.waits else part.run(frame)
+                    value = part.run(frame)
+                    if value.__class__ is GeneratorType:
+                        value = yield from value
                     if values.truth(value) is until:
                         return until
                 return not until
@@ -272,12 +275,7 @@ class Expressions:
         call = function.call
         if not function.waits:
             return answer(parts, call)
-
-        def wait(frame: Frame) -> Any:
-            arguments = yield from values_of_parts(parts, frame)
-            return (yield from call(frame[1], *arguments))
-
-        return Part(True, wait)
+        return deferred(parts, lambda frame, *arguments: call(frame[1], *arguments))
 
     def arguments(
         self,
@@ -347,18 +345,19 @@ class Expressions:
         if not code.waits:
             return combined(parts, run)
 
-        def wait(frame: Frame) -> Any:
-            arguments = yield from values_of_parts(parts, frame)
+        def wait(frame: Frame, *arguments: Value) -> Any:
             inside = enter(frame, arguments)
             task = frame[1]
             try:
-                signal = yield from code.run(inside)
+                signal = code.run(inside)
+                if signal.__class__ is GeneratorType:
+                    signal = yield from signal
             finally:
                 task.kept.pop()
                 task.depth -= 1
             return signal.value if signal.__class__ is Returned else None
 
-        return Part(True, wait)
+        return deferred(parts, wait)
 
     def _make_entry(self, code: Code) -> Callable[[Frame, Sequence[Value]], Frame]:
         """Return a function that creates the frame of a call and charges the steps of the call."""
@@ -425,6 +424,19 @@ def _default(value: Any) -> Part:
 
 def _pose(frame: Frame, *parts: Value) -> Value:
     return PoseValue(values.vector(parts, 6))
+
+
+def _index(items: Part, place: Part) -> Part:
+    """Compile access to an element."""
+    run, at = items.run, place.constant
+    if items.waits or at.__class__ is not int or at < 0:
+        return combined([items, place], _element)
+
+    def pick(frame: Frame) -> Value:
+        value = run(frame)
+        return value[at] if value.__class__ in _LISTS and at < len(value) else values.element(value, at)
+
+    return Part(False, pick)
 
 
 def _element(frame: Frame, value: Value, place: Value) -> Value:

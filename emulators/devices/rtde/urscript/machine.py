@@ -5,6 +5,7 @@ Universal Robots' manual gives a thread 2 ms of a cycle. Here, a limit on steps 
 """
 
 from collections.abc import Generator
+from types import GeneratorType
 from typing import Any, TypeAlias
 
 from emulators.devices.rtde.urscript.failures import Halted, RuntimeFailure, ScriptError
@@ -30,6 +31,8 @@ class Task:
 
     def __init__(self, machine: "Machine", name: str, handle: int) -> None:
         self.machine, self.name, self.handle = machine, name, handle
+        self.host: Host = machine.host
+        """Robot that the functions of the table access."""
         self.turns: Turns = _nothing()
         self.left = 0
         """Number of steps left in this cycle."""
@@ -43,11 +46,6 @@ class Task:
         """Handle of the thread that this thread joins."""
         self.is_waiting = False
         """Whether the thread waits for the next cycle."""
-
-    @property
-    def host(self) -> Host:
-        """Robot that the functions of the table access."""
-        return self.machine.host
 
     def spend(self, steps: int) -> None:
         """Charge steps of this cycle. Raises ScriptError if no steps are left."""
@@ -210,7 +208,7 @@ def _turns(code: Code, frame: Any) -> Turns:
     """Return a generator that executes this code in a thread. Code that never waits runs at once."""
     frame[1].spend(code.weight)
     signal = code.run(frame)
-    if code.waits:
+    if signal.__class__ is GeneratorType:
         yield from signal
 
 

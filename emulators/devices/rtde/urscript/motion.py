@@ -11,7 +11,7 @@ from emulators.devices.rtde.urscript.limits import SOLVE_STEPS, TCP_MAX_M
 from emulators.devices.rtde.urscript.poses import pose, value_of
 from emulators.devices.rtde.urscript.table import Function, modelled, waiting
 from emulators.devices.rtde.urscript.values import PoseValue, Value, number, string, vector
-from protocol.devices.rtde.rotation import six_of
+from protocol.devices.rtde.rotation import pose_of, six_of
 from protocol.geometry import Pose
 
 Wait: TypeAlias = Generator[None, None, None]
@@ -199,8 +199,9 @@ def _solved(task: Any, x: Value, near: Value, tcp: Value) -> Six | None:
 
 def _numbers_or_stop(host: Host, x: Value) -> Pose | None:
     """Return the pose. Trigger a protective stop if it contains a non-finite value."""
-    if all(map(math.isfinite, vector(x, 6))):
-        return pose(x)
+    six = vector(x, 6)
+    if all(map(math.isfinite, six)):
+        return pose_of(six)
     host.protective_stop("a target that is not a number")
     return None
 

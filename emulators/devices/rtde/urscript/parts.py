@@ -1,6 +1,11 @@
-"""Compiled parts of a program, and their composition."""
+"""Compiled parts of a program, and their composition.
+
+The closure of a part that may wait returns the part's value, or a generator that waits and then returns the value.
+Only a part that actually waits thus costs a generator.
+"""
 
 from collections.abc import Callable, Sequence
+from types import GeneratorType
 from typing import Any, NamedTuple, TypeAlias
 
 from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value, size_of
@@ -13,6 +18,7 @@ class Part(NamedTuple):
     """Compiled expression or statement."""
 
     waits: bool
+    """Whether `run` may return a generator instead of the value."""
     run: Run
     constant: Any = None
     """Value of the part if it is a constant number, boolean or list of numbers; None otherwise."""
@@ -32,6 +38,8 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
             return apply(frame, *results)
 
         return Part(True, wait)
+    if not runs:
+        return Part(False, apply)
     if len(runs) == 1:
         (only,) = runs
         return Part(False, lambda frame: apply(frame, only(frame)))
@@ -41,6 +49,18 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
     return Part(False, lambda frame: apply(frame, *[run(frame) for run in runs]))
 
 
+def deferred(parts: Sequence[Part], call: Callable[..., Any]) -> Part:
+    """Compose expressions to a part that waits in the generator `call(frame, *values)`."""
+    if not any(part.waits for part in parts):
+        return Part(True, combined(parts, call).run)
+
+    def wait(frame: Frame) -> Any:
+        results = yield from values_of_parts(parts, frame)
+        return (yield from call(frame, *results))
+
+    return Part(True, wait)
+
+
 def values_of_parts(parts: Sequence[Part], frame: Frame) -> Any:
     """Return the values of parts, in order. The parts may wait."""
     results: list[Any] = [None] * len(parts)
@@ -48,7 +68,8 @@ def values_of_parts(parts: Sequence[Part], frame: Frame) -> Any:
     kept.append(results)
     try:
         for at, part in enumerate(parts):
-            results[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
+            value = part.run(frame)
+            results[at] = (yield from value) if value.__class__ is GeneratorType else value
     finally:
         kept.pop()
     return results

@@ -1,10 +1,11 @@
 """Statements of a program, compiled to closures, and the program composed of them.
 
-The closure of a statement returns None, or a value that describes how it leaves its block: `BREAK`, `CONTINUE`, or
-a `Returned` value.
+The closure of a statement returns a signal if it leaves its block: `BREAK`, `CONTINUE`, or a `Returned` value. Any
+other result has no meaning. The closure of a statement that waits returns a generator instead.
 """
 
 from collections.abc import Callable, Generator, Sequence
+from types import GeneratorType
 from typing import Any, NamedTuple, TypeAlias
 
 from emulators.devices.rtde.urscript import values
@@ -18,7 +19,7 @@ from emulators.devices.rtde.urscript.failures import (
 from emulators.devices.rtde.urscript.lists import METHODS
 from emulators.devices.rtde.urscript.names import Code, Node, assigned, is_pose, resolve
 from emulators.devices.rtde.urscript.parser import parse
-from emulators.devices.rtde.urscript.parts import Frame, Part, Run, charge, combined
+from emulators.devices.rtde.urscript.parts import Frame, Part, charge, combined
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import Value
 
@@ -28,6 +29,7 @@ class Leaving:
 
 
 BREAK, CONTINUE = Leaving(), Leaving()
+_SIGNALS = (Leaving, Returned)
 Steps: TypeAlias = Generator[None, None, Part]
 _WRONG = (ScriptError, ArithmeticError, ValueError, RecursionError)
 """Exceptions that are errors of the program: its own errors, the errors of Python's arithmetic, and excessive
@@ -87,7 +89,7 @@ def _compiled(text: str, functions: Functions) -> Generator[None, None, Compiled
         _compile_defaults(code, functions)
     for code in codes:
         part = yield from Statements(code, functions).block(code.body)
-        code.run = part.run if part.waits or not code.waits else _as_generator(part.run)
+        code.run = part.run
         code.waits = code.waits or part.waits
     calls = frozenset[str]().union(*(code.calls for code in codes))
     statements = root.body.children
@@ -107,14 +109,6 @@ def _compile_defaults(code: Code, functions: Functions) -> None:
         if part.waits:
             raise node.misplaced("a default must not wait")
         code.defaults[name] = part.run
-
-
-def _as_generator(run: Run) -> Run:
-    def wait(frame: Frame) -> Any:
-        yield from ()
-        return run(frame)
-
-    return wait
 
 
 class Statements:
@@ -142,7 +136,7 @@ class Statements:
                 try:
                     for at, statement in enumerate(runs):  # noqa: B007 (the line of an error)
                         signal = statement(frame)
-                        if signal is not None:
+                        if signal is not None and signal.__class__ in _SIGNALS:
                             return signal
                 except _WRONG as error:
                     raise _failed(error, lines[at]) from None
@@ -153,10 +147,13 @@ class Statements:
         def wait(frame: Frame) -> Any:
             at = 0
             try:
-                for at, part in enumerate(parts):  # noqa: B007 (the line of an error)
-                    signal = (yield from part.run(frame)) if part.waits else part.run(frame)
+                for at, statement in enumerate(runs):  # noqa: B007 (the line of an error)
+                    signal = statement(frame)
                     if signal is not None:
-                        return signal
+                        if signal.__class__ is GeneratorType:
+                            signal = yield from signal
+                        if signal.__class__ in _SIGNALS:
+                            return signal
             except _WRONG as error:
                 raise _failed(error, lines[at]) from None
             return None
@@ -172,21 +169,23 @@ class Statements:
         branches = []
         for condition, block in zip(children[::2], children[1::2], strict=True):
             branches.append((self._expressions.value(condition), (yield from self.block(block))))
-        every = [part for branch in branches for part in branch] + ([otherwise] if otherwise else [])
-        if any(part.waits for part in every):
-
-            def wait(frame: Frame) -> Any:
-                for condition, block in branches:
-                    value = (yield from condition.run(frame)) if condition.waits else condition.run(frame)
-                    if value is True or (value is not False and values.truth(value)):
-                        return (yield from block.run(frame)) if block.waits else block.run(frame)
-                if otherwise is not None:
-                    return (yield from otherwise.run(frame)) if otherwise.waits else otherwise.run(frame)
-                return None
-
-            return Part(True, wait)
         runs = [(condition.run, block.run) for condition, block in branches]
         rest = otherwise.run if otherwise is not None else lambda frame: None
+        if any(condition.waits for condition, _ in branches):
+
+            def wait(frame: Frame) -> Any:
+                for condition, block in runs:
+                    holds = condition(frame)
+                    if holds.__class__ is GeneratorType:
+                        holds = yield from holds
+                    if values.truth(holds):
+                        signal = block(frame)
+                        break
+                else:
+                    signal = rest(frame)
+                return (yield from signal) if signal.__class__ is GeneratorType else signal
+
+            return Part(True, wait)
 
         def run(frame: Frame) -> Any:
             for condition, block in runs:
@@ -195,7 +194,8 @@ class Statements:
                     return block(frame)
             return rest(frame)
 
-        return Part(False, run)
+        waits = any(block.waits for _, block in branches) or (otherwise is not None and otherwise.waits)
+        return Part(waits, run)
 
     def _while(self, node: Node) -> Steps:
         test, body, weight = node.children
@@ -203,16 +203,21 @@ class Statements:
         self._loops += 1
         block = yield from self.block(body)
         self._loops -= 1
+        ask, do = condition.run, block.run
         if condition.waits or block.waits:
 
             def wait(frame: Frame) -> Any:
                 task = frame[1]
                 while True:
                     task.spend(weight)
-                    value = (yield from condition.run(frame)) if condition.waits else condition.run(frame)
-                    if not values.truth(value):
+                    holds = ask(frame)
+                    if holds.__class__ is GeneratorType:
+                        holds = yield from holds
+                    if not values.truth(holds):
                         return None
-                    signal = (yield from block.run(frame)) if block.waits else block.run(frame)
+                    signal = do(frame)
+                    if signal.__class__ is GeneratorType:
+                        signal = yield from signal
                     if signal is not None:
                         if signal is BREAK:
                             return None
@@ -220,7 +225,6 @@ class Statements:
                             return signal
 
             return Part(True, wait)
-        ask, do = condition.run, block.run
 
         def run(frame: Frame) -> Any:
             task = frame[1]
@@ -264,7 +268,7 @@ class Statements:
         name, *value = node.children
         if not value:
             return Part(False, lambda frame: None)
-        return combined([self._expressions.value(value[0])], self._store(name))
+        return self._put(name, self._expressions.value(value[0]))
 
     def _assign(self, node: Node) -> Part:
         place = node.children[0]
@@ -273,9 +277,10 @@ class Statements:
             raise node.misplaced("cannot assign to this expression")
         if name == "digital_out" and self._code.find(name) is None and len(place.children) == 2:
             return self._expressions.signal("set_digital_out", place.children[1], node.children[1])
-        store, value = self._store(name), self._expressions.value(node.children[1])
+        value = self._expressions.value(node.children[1])
         if place.kind == "name":
-            return combined([value], store)
+            return self._put(name, value)
+        store = self._store(name)
         first, *trailers = place.children
         keys: list[Part] = []
         path: list[str | None] = []
@@ -294,6 +299,18 @@ class Statements:
             store(frame, _changed(old, path, places, new))
 
         return combined([self._expressions.value(first), value, *keys], change)
+
+    def _put(self, name: str, value: Part) -> Part:
+        """Compile the assignment of a value to a variable."""
+        variable, run = self._code.find(name), value.run
+        if value.waits or variable is None or variable[0]:
+            return combined([value], self._store(name))
+        _, slot = variable
+
+        def put(frame: Frame) -> None:
+            frame[slot] = run(frame)
+
+        return Part(False, put)
 
     def _store(self, name: str) -> Callable[[Frame, Value], None]:
         variable = self._code.find(name)
@@ -317,7 +334,7 @@ class Statements:
         part = self._expressions.value(place)
         if place.kind == "place" and (change := self._change_list(place)) is not None:
             return change
-        return combined([part], lambda frame, value: None)
+        return part
 
     def _change_list(self, place: Node) -> Part | None:
         """Compile `list.append(x)` as a statement. Return None if the call changes nothing."""
@@ -350,7 +367,9 @@ class Statements:
         part = self._expressions.value(node.children[0])
 
         def wait(frame: Frame) -> Any:
-            handle = (yield from part.run(frame)) if part.waits else part.run(frame)
+            handle = part.run(frame)
+            if handle.__class__ is GeneratorType:
+                handle = yield from handle
             task = frame[1]
             while task.machine.is_running(handle):
                 yield handle

@@ -15,6 +15,7 @@ from emulators.devices.rtde.urscript.limits import LENGTH_MAX, NESTING_MAX, STRI
 Value: TypeAlias = "int | float | str | tuple[Value, ...] | Struct | None"
 """Value of a program. Python treats a boolean as an integer. A thread is represented by its handle."""
 _LARGEST = 2**31
+_NUMBERS = (float, int)
 _CHARACTERS = 64
 """Number of characters that are charged as one element. Chosen."""
 
@@ -89,11 +90,16 @@ def size_of(value: "tuple[Value, ...] | str | Struct") -> int:
 
     Characters of a string in a list count less, because they are copied at once.
     """
-    if isinstance(value, str):
+    if isinstance(value, tuple):
+        parts: Sequence[Value] = value
+    elif isinstance(value, str):
         return len(value)
-    parts: Sequence[Value] = tuple(value.members.values()) if isinstance(value, Struct) else value
+    else:
+        parts = tuple(value.members.values())
     size = len(parts)
     for part in parts:
+        if part.__class__ in _NUMBERS:
+            continue
         if isinstance(part, str):
             size += len(part) // _CHARACTERS
         elif isinstance(part, (tuple, Struct)):
@@ -120,9 +126,9 @@ def number(value: Value) -> int | float:
 
 def integer(value: Value) -> int:
     """Return an integer. A float without a fraction is also accepted. Raises ScriptError."""
-    result = number(value)
-    if isinstance(result, int):
-        return result
+    if value.__class__ is int:
+        return value
+    result: float = number(value)
     if result.is_integer():
         return int(result)
     raise ScriptError("expected an integer")
@@ -154,8 +160,10 @@ def vector(value: Value, size: int) -> tuple[float, ...]:
 
 def truth(value: Value) -> bool:
     """Return the truth value of a condition. A number is true unless it is 0."""
+    if value.__class__ is bool:
+        return value
     if isinstance(value, (int, float)):
-        return bool(value)
+        return value != 0
     raise ScriptError(f"a condition must be a boolean, not {kind(value)}")
 
 
@@ -175,8 +183,6 @@ def _text(value: Value) -> str:
 
 
 # --- arithmetic
-
-_NUMBERS = (float, int)
 
 
 def _check_size(result: int | float) -> int | float:
