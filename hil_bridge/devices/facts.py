@@ -156,6 +156,10 @@ class RobotFacts(Struct, frozen=True):
     emulated: bool = False
     cycle_s: _Positive | None = None
     """Time between two reports, s; None if the robot sends a report as soon as it is requested."""
+    decision_s: _Positive | None = None
+    """Shortest period of a run with this robot by default, s, for a robot that follows its orders many cycles later;
+    None for one cycle.
+    """
     position_step_m: _Positive | None = None
     """Resolution of the reported position, m; None if negligible or unknown."""
     order_step_m: _Positive | None = None

@@ -45,7 +45,7 @@ def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
     if cycle_s is None or config.controller.sample_ms is not None:
         return config
     cycle_ms = cycle_s * 1e3
-    shortest_ms = math.ceil(frame_s * 1e3 / cycle_ms - 1e-6) * cycle_ms
+    shortest_ms = math.ceil(max(frame_s, robot.decision_s or 0.0) * 1e3 / cycle_ms - 1e-6) * cycle_ms
     passed_controller = _object_controller(config)
     kind: Any = controller_kind(config.controller.name) if passed_controller is None else passed_controller
     made_for = Tuning(sample_time(kind) * 1e3, {})

@@ -12,9 +12,10 @@ from hil_bridge.control import Measurement, Pairing, Predictive, Stiffness
 from hil_bridge.control.laws.servo import Served, Servo
 from hil_bridge.control.laws.stiffness import observe
 from hil_bridge.control.types import FINE_STEP_MM
-from hil_bridge.devices.facts import ServoFacts
+from hil_bridge.devices.facts import RobotFacts, ServoFacts
+from hil_bridge.runs.pace import set_pace
 from hil_bridge.runs.setup import Setup
-from hil_bridge.settings.configuration import read_config
+from hil_bridge.settings.configuration import Config, read_config
 from protocol.marks import SettingError
 from tests.near_surface import CLOSE, merged
 
@@ -238,6 +239,12 @@ def test_set_pace_trailing_set_point_adds_lag() -> None:
     )
     assert servo.lag_s == pytest.approx(0.06)
     assert replace(servo, trail_s=0.0).lag_s == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(("decision_s", "period_ms"), [(None, 0.0), (0.09, 96.0)])
+def test_set_pace_slow_robot_gets_its_period(decision_s: float | None, period_ms: float) -> None:
+    robot = RobotFacts(cycle_s=0.012, decision_s=decision_s)
+    assert set_pace(Config(), robot, 0.001).run.period_ms == period_ms
 
 
 @pytest.mark.parametrize("robot", ["egm", "rsi"])
