@@ -197,6 +197,14 @@ class FanucArm:
         _, jacobian = self._frames(joints)
         return tuple((jacobian[:3].T @ np.array(force)).tolist())
 
+    def rates(self, joints: Joints) -> np.ndarray:
+        """Return the rates of the joints (6, 6) for motions of the tool, degrees per m and per rad, base frame. Near a
+        singularity they are finite.
+        """
+        _, jacobian = self._frames(joints)
+        rates: np.ndarray = np.degrees(np.linalg.pinv(jacobian, rcond=1e-6))
+        return rates
+
     def _solve(self, pose: Pose, near: Joints, iterations: int) -> Joints | None:
         joints = near
         for _ in range(iterations):

@@ -1,7 +1,7 @@
 """Client of Stream Motion: it begins the stream, and answers each report once with the next set point in joints.
 
 Set points are poses of the tool centre point. The client converts them to joints with the kinematics of the model, and
-moves the joints within the controller's limits of speed, acceleration and jerk (`limits.JointLimiter`): a controller
+moves the joints within the controller's limits of speed, acceleration and jerk (`path_limiter`): a controller
 before V9.40P/77 stops at any other set point. A command carries the number of the report that it answers. If several
 reports arrive together, only the newest is answered, because a surplus command would delay all later ones.
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from hil_fanuc import rmi
 from hil_fanuc.arms import FanucArm, Joints, straight_tool, tool_of
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
-from hil_fanuc.limits import JointLimiter, LimitTable
+from hil_fanuc.limits import AxisLimits, LimitTable
 from hil_fanuc.numbering import Numbering
 from hil_fanuc.packets import (
     JOINTS,
@@ -32,6 +32,7 @@ from hil_fanuc.packets import (
     encode_to_robot,
     is_finite,
 )
+from hil_fanuc.path_limiter import PathLimiter
 from hil_fanuc.requests import Answer, Failed, Request, Script
 from hil_fanuc.rmi import LineReader
 from hil_fanuc.settings import FanucSettings
@@ -61,9 +62,8 @@ class _Stream:
     """Running stream."""
 
     limits: LimitTable
-    limiter: JointLimiter
-    goal: Joints
-    """Joints of the newest set point."""
+    limiter: PathLimiter | None
+    """Set points; None until the tool is known."""
     external: Nine
     ready: bool = True
     stopped: bool = False
@@ -141,13 +141,9 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
             stream.stopped = not stream.ready
 
     def target(self, pose: Pose, now: float) -> None:
-        stream, arm = self._stream, self._arm
-        if stream is not None and arm is not None and stream.ready and not stream.stopped:
-            joints = arm.nearest(pose, stream.goal)
-            if joints is None:
-                self._notice("joints", "the arm cannot reach a set point: it stays at the last one")
-            else:
-                stream.goal = joints
+        stream = self._stream
+        if stream is not None and stream.limiter is not None and stream.ready and not stream.stopped:
+            stream.limiter.aim(pose)
         self._answer()
 
     def hold(self, now: float) -> None:
@@ -264,23 +260,20 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         joints: Joints = (a, b, c, d, e, f)
         stream = self._stream
         if stream is None:
-            self._begin_stream(report, joints)
+            self._begin_stream(report)
             return
         was_ready, stream.ready = stream.ready, bool(report.status & Status.READY)
         stream.external = report.joints[6:]
         if not stream.ready and is_finite(joints):
-            stream.limiter.rest(joints)
-            stream.goal = joints
+            if stream.limiter is not None:
+                stream.limiter.rest(joints)
             stream.stopped |= self._moving
         if was_ready and (not stream.ready or report.robot_status):
             self._ask_alarm()
 
-    def _begin_stream(self, report: Report, joints: Joints) -> None:
-        if not is_finite(joints):
-            return
-        limiter = JointLimiter(joints, self._settings.cycle_s)
+    def _begin_stream(self, report: Report) -> None:
         self._stream = _Stream(
-            self._startup.controller.limits, limiter, joints, report.joints[6:], bool(report.status & Status.READY)
+            self._startup.controller.limits, None, report.joints[6:], bool(report.status & Status.READY)
         )
 
     # --- reports
@@ -324,6 +317,8 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
             if math.hypot(*tool.position) > TOOL_MAX_M:
                 return self._wrong_arm()
             self._arm = FanucArm(settings.model, tool, settings.world_height_mm)
+            if self._stream is not None:
+                self._stream.limiter = PathLimiter(self._arm, (a, b, c, d, e, f), settings.cycle_s)
         expected, base = self._arm.pose((a, b, c, d, e, f)), self._in_base(pose)
         apart = math.dist(expected.position, base.position)
         if apart > FIT_M or angle_between(expected.quaternion, base.quaternion) > FIT_RAD:
@@ -354,18 +349,15 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         report, stream = self._newest, self._stream
         assert report is not None, "there is a report to answer"
         version = self._startup.controller.version
-        if stream is None or not stream.ready:
+        if stream is None or stream.limiter is None or not stream.ready:
             return Command(version, report.sequence, report.joints, JOINTS, moves=False)
-        joints = stream.limiter.step(stream.goal, self._limits(stream))
-        return Command(version, report.sequence, (*joints, *stream.external), JOINTS)
+        if not stream.limiter.step(self._limits(stream, stream.limiter.speed)):
+            self._notice("joints", "the arm cannot reach a set point: it stays at the last one")
+        return Command(version, report.sequence, (*stream.limiter.joints, *stream.external), JOINTS)
 
-    def _limits(self, stream: _Stream):  # type: ignore[no-untyped-def]
-        settings, arm = self._settings, self._arm
-        speed = 0.0
-        if arm is not None and stream.goal != stream.limiter.joints:
-            a, b, c, d, e, f = stream.limiter.joints
-            here, there = (arm.pose(joints).position for joints in ((a, b, c, d, e, f), stream.goal))
-            speed = math.dist(here, there) / settings.cycle_s
+    def _limits(self, stream: _Stream, speed: float) -> tuple[AxisLimits, ...]:
+        """Return the limits of the joints at a speed of the tool, m/s."""
+        settings = self._settings
         limits = stream.limits.at(speed, settings.load_percent / 100.0)
         return tuple(axis.scaled(settings.limits_percent / 100.0) for axis in limits)
 

@@ -1,4 +1,4 @@
-"""Limits of speed, acceleration and jerk of the joints, and set points that keep them.
+"""Limits of speed, acceleration and jerk, and set points of the joints that keep them.
 
 A controller before V9.40P/77 stops with an alarm if the differences of the set points exceed its limits; a newer one
 smooths them. `JointLimiter` follows set points exactly while they keep the limits. Otherwise it moves each joint so
@@ -111,7 +111,7 @@ class JointLimiter:
             self.accept(goal)
         else:
             self.states = tuple(
-                _next(state, at, limit, self._cycle)
+                next_state(state, at, limit, self._cycle)
                 for state, at, limit in zip(self.states, goal, limits, strict=True)
             )
         return self.joints
@@ -122,7 +122,7 @@ class JointLimiter:
         )
 
 
-def _next(state: AxisState, goal: float, limits: AxisLimits, cycle: float) -> AxisState:
+def next_state(state: AxisState, goal: float, limits: AxisLimits, cycle: float) -> AxisState:
     """Return the state one cycle later, from which the joint can stop at the goal."""
     if goal == state.position and not state.speed and not state.acceleration:
         return state
