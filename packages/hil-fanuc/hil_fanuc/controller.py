@@ -120,7 +120,8 @@ class FanucController:
         if self._faults.holds("stands", now):
             return Hindrance("the arm is stopped", False)
         text = self.program.hindrance(now)
-        if not text:
+        is_ended = self.program.ended_by_client and not self.program.alarms
+        if not text or is_ended:
             return None
         by_order = any(text.startswith(alarm) for alarm in BY_ORDER)
         return Hindrance(text, by_order)
@@ -159,7 +160,8 @@ class FanucController:
 
     def _receive(self, packet: object, side: Hashable, now: float) -> None:
         if self.orders.listener is not None:
-            acts = self.hindrance(now) is None and side == self.server.peer
+            acts = not self.program.hindrance(now) and not self._faults.holds("stands", now)
+            acts = acts and side == self.server.peer
             order = self._reader.read(packet, now, acts)  # type: ignore[arg-type]
             if order is not None:
                 self.tell(order)

@@ -23,6 +23,8 @@ class Program:
         """Time from which the program is ready, s."""
         self.streams_since = math.inf
         """Time of the start packet, s; infinite without one."""
+        self.ended_by_client = False
+        """Whether the client itself has ended its session or the program."""
         self.starved = False
         """Whether the program has stopped because set points were missing."""
         self._was_up = False
@@ -38,13 +40,13 @@ class Program:
         if self.alarms or self.pendant_on or self.hangs or self.stopped_at is not None:
             return False
         self._ready_at = now + (self._profile.recall_ms / 1e3 if self._was_called else 0.0)
-        self._was_called, self.starved = True, False
+        self._was_called, self.starved, self.ended_by_client = True, False, False
         self.status = ProgramStatus.RUNNING
         return True
 
     def start_stream(self, now: float) -> None:
         """Handle a start packet."""
-        self.streams_since, self.starved = now, False
+        self.streams_since, self.starved, self.ended_by_client = now, False, False
 
     def abort(self) -> None:
         """Abort or hold the program: reports continue, and the program counts as held (observed)."""

@@ -239,11 +239,9 @@ class Commands:
         return {"ErrorID": 0, "GroupMask": message.get("GroupMask", 1)}
 
     def _abort(self, message: Message) -> Message:
-        self._host.program.abort()
-        return {"ErrorID": 0}
-
-    def _pause(self, message: Message) -> Message:
-        self._host.program.abort()
+        program = self._host.program
+        program.ended_by_client |= program.status == ProgramStatus.RUNNING
+        program.abort()
         return {"ErrorID": 0}
 
     def _continue(self, message: Message) -> Message:
@@ -393,7 +391,7 @@ class Commands:
 _ACTS: dict[str, Any] = {
     "FRC_Initialize": Commands._initialize,
     "FRC_Abort": Commands._abort,
-    "FRC_Pause": Commands._pause,
+    "FRC_Pause": Commands._abort,
     "FRC_Continue": Commands._continue,
     "FRC_Reset": Commands._reset,
     "FRC_ReadError": Commands._read_error,

@@ -93,7 +93,9 @@ class StreamServer:
     def _signal(self, kind: int, version: int, side: Hashable, now: float) -> None:
         if kind == Kind.STOP:
             self.counts["stops"] += 1
-            self.counts["stops by a stranger"] += self.is_open and side != self.peer
+            is_own = side == self.peer
+            self.counts["stops by a stranger"] += self.is_open and not is_own
+            self._program.ended_by_client |= self.is_open and is_own
             self.end(now)
         elif not self.is_open:
             self.counts["sessions"] += 1
