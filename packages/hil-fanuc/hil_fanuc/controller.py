@@ -18,7 +18,15 @@ from hil_fanuc.alarms import BY_ORDER, Alarms
 from hil_fanuc.arms import Joints
 from hil_fanuc.motion import Motion
 from hil_fanuc.order_reader import OrderReader
-from hil_fanuc.packets import ContactStop, Kind, Signal, decode_to_robot, encode_to_client
+from hil_fanuc.packets import (
+    ContactStop,
+    Kind,
+    Signal,
+    decode_to_robot,
+    encode_to_client,
+    header_of,
+    is_known,
+)
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from hil_fanuc.reporter import Reporter
@@ -132,6 +140,7 @@ class FanucController:
         for datagram in data:
             try:
                 packet = decode_to_robot(datagram)
+                self._check_known(datagram)
             except RemoteProtocolError as error:
                 self.server.counts["packets that cannot be read"] += 1
                 self.tell(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
@@ -169,6 +178,12 @@ class FanucController:
         self.server.handle(packet, side, now)  # type: ignore[arg-type]
         if len(self.server.buffer) > before:
             self.motion.path.taken()
+
+    def _check_known(self, datagram: bytes) -> None:
+        """Raise RemoteProtocolError for a packet of another version."""
+        kind, version = header_of(datagram).kind, self.profile.version
+        if not is_known(kind, version):
+            raise RemoteProtocolError(f"a packet of type {kind} to a controller of version {version}")
 
     # --- cycles
 

@@ -248,6 +248,19 @@ _TO_CLIENT = {
 }
 
 
+_OLD = frozenset((Kind.START_V1, Kind.COMMAND_V1, Kind.COMMAND_V2))
+_NEW = frozenset((Kind.GET_CAPABILITY, Kind.SET_CAPABILITY, Kind.START, Kind.COMMAND, Kind.GPIO, Kind.FORCE_SENSOR))
+
+
+def is_known(kind: int, version: int) -> bool:
+    """Return whether a controller of this version knows packets of a type. Assumed: a newer one does not know those of
+    versions 1 and 2.
+    """
+    if kind == Kind.COMMAND_V2:
+        return version == 2
+    return kind not in (_NEW if version < 3 else _OLD)
+
+
 def header_of(data: bytes) -> Header:
     """Return type and version of a packet. Raises RemoteProtocolError if it is too short."""
     if len(data) < _HEADER.size:

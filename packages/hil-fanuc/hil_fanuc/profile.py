@@ -140,7 +140,7 @@ class FanucProfile:
         unit="ms",
     )
     natural_frequency_rad_s: float = setting(
-        70.0, Mark.ASSUMED, "natural frequency of the closed position loops", above(0.0), unit="rad/s"
+        80.0, Mark.ASSUMED, "natural frequency of the closed position loops", above(0.0), unit="rad/s"
     )
     damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping ratio of the closed position loops", above(0.0))
     # --- force, from version 4 on

@@ -1,0 +1,566 @@
+"""Emulated controller, packet by packet. Observed behaviour: airo-ugent/airo-fanuc, docs/controller-notes.md."""
+
+import math
+
+import pytest
+from fanuc_desk import START, T0, Desk
+from hil_fanuc.packets import (
+    CARTESIAN,
+    JOINTS,
+    Capability,
+    Command,
+    ForceSensor,
+    GpioRequest,
+    GpioResult,
+    Kind,
+    Signal,
+    Status,
+    Threshold,
+    ThresholdRequest,
+    nine,
+)
+from hil_fanuc.profile import FanucProfile
+from hil_fanuc.rmi_server import Connection, Door
+
+from emulators.orders import Act
+from protocol.arm_size import PerAxis
+from protocol.geometry import angles_of
+
+OLD = FanucProfile(refusals="alarm")
+
+
+def alarms(desk: Desk) -> list[str]:
+    """Return the numbers of the active alarms."""
+    return [text.split(" ")[0] for text in desk.robot.program.alarms.active]
+
+
+def started(profile: FanucProfile | None = None) -> Desk:
+    desk = Desk(profile)
+    desk.begin()
+    return desk
+
+
+# --- session
+
+
+def test_reports_begin_with_start_and_end_with_stop() -> None:
+    desk = Desk()
+    desk.wait(0.1)
+    assert desk.packets == []
+    desk.signal(Kind.START)
+    desk.wait(0.4)
+    reports = desk.reports
+    assert [report.sequence for report in reports] == list(range(1, 51))
+    assert {round(b.time_s - a.time_s, 6) for a, b in zip(reports, reports[1:], strict=False)} == {0.008}
+    assert not any(report.status & Status.READY for report in reports), "its TP program was not called"
+    desk.signal(Kind.STOP)
+    desk.wait(0.1)
+    assert len(desk.reports) == 50
+
+
+def test_it_is_ready_once_program_and_stream_run() -> None:
+    desk = Desk()
+    assert desk.call() == 0
+    desk.signal(Kind.START)
+    began = desk.now
+    desk.wait(0.19)
+    assert not desk.report.status & Status.READY
+    desk.wait(0.02)
+    assert desk.report.status & Status.READY
+    assert desk.report.status >> 4 == 8
+    assert desk.now - began < 0.22
+
+
+def test_further_call_is_not_ready_for_a_second() -> None:
+    desk = started()
+    assert desk.call() == 0
+    begin = desk.now
+    assert not desk.report.status & Status.READY
+    desk.wait(0.95)
+    assert not desk.report.status & Status.READY
+    desk.wait(1.05 - (desk.now - begin))
+    assert desk.report.status & Status.READY
+
+
+def test_abort_stops_the_program_but_not_the_reports() -> None:
+    desk = started()
+    assert desk.ask({"Command": "FRC_Abort"})["ErrorID"] == 0
+    count = len(desk.reports)
+    desk.wait(0.4)
+    assert len(desk.reports) == count + 50
+    assert not desk.report.status & Status.READY
+    assert desk.ask({"Command": "FRC_GetStatus"})["ProgramStatus"] == 2
+
+
+def test_capability_and_thresholds_are_answered_to_anyone() -> None:
+    desk = Desk()
+    desk.send(Capability(Kind.GET_CAPABILITY, 3), "other")
+    desk.send(ThresholdRequest(3, 4, 2), "other")
+    assert desk.others[0] == Capability(Kind.GET_CAPABILITY, 3, 1, 8, 0, 3, 0)
+    table = desk.others[1]
+    assert table == Threshold(3, 4, 2, 2000, 8, (1860.0,) * 20, (1860.0,) * 20)
+    assert desk.packets == []
+
+
+def test_gpio_configuration_is_answered() -> None:
+    desk = Desk()
+    desk.send(GpioRequest(3, ()))
+    assert desk.packets == [GpioResult(0, 1)]
+
+
+# --- refusals of a session
+
+
+def test_start_without_stop_raises_an_alarm() -> None:
+    desk = started()
+    desk.signal(Kind.START)
+    assert alarms(desk) == ["MOTN-607"]
+
+
+def test_second_peer_raises_an_alarm_and_is_not_served() -> None:
+    desk = started()
+    desk.signal(Kind.START, "other")
+    desk.wait(0.1)
+    assert desk.robot.program.alarms.active == ["HOST-380 System error 0x30,0x0"]
+    assert desk.others == []
+    assert desk.report.robot_status == 1
+
+
+def test_stop_of_a_stranger_ends_the_session() -> None:
+    desk = started()
+    desk.signal(Kind.STOP, "other")
+    count = len(desk.reports)
+    desk.wait(0.1)
+    assert len(desk.reports) == count
+    hindrance = desk.robot.hindrance(desk.now)
+    assert hindrance is not None
+    assert not hindrance.by_order
+
+
+def test_commands_of_a_stranger_are_ignored() -> None:
+    desk = started()
+    joints = list(desk.report.joints[:6])
+    joints[0] += 0.0001
+    desk.send(Command(3, desk.report.sequence, nine(joints)), "other")
+    desk.wait(0.5)
+    assert desk.robot.accepted == 0
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_force_sensor_needs_version_4(version: int) -> None:
+    desk = started(FanucProfile(version=version))  # type: ignore[arg-type]
+    desk.send(ForceSensor(version, 1, 1))
+    assert desk.robot.program.alarms.active == (["HOST-380 System error 0x19,0x0"] if version == 3 else [])
+
+
+# --- set points
+
+
+def test_arm_follows_set_points_84_ms_later() -> None:
+    desk = started()
+    start = desk.report.joints[5]
+    desk.move(5, 10.0, 1.0)
+    ordered = desk.robot.motion.set_point[5]
+    behind = ordered - desk.report.joints[5]
+    assert behind / 10.0 == pytest.approx(0.084, abs=0.004)
+    for _ in range(100):
+        desk.command(desk.robot.motion.set_point)
+        desk.tick()
+    assert desk.report.joints[5] == pytest.approx(ordered, abs=1e-5)
+    assert ordered > start + 5.0
+
+
+def test_command_that_answers_no_report_is_ignored() -> None:
+    desk = started()
+    joints = list(desk.report.joints[:6])
+    joints[5] += 0.0005
+    desk.command(joints)
+    desk.command(joints)  # repeated
+    desk.command(joints, sequence=desk.report.sequence - 1)  # late
+    desk.command(joints, sequence=desk.report.sequence + 1)
+    assert desk.robot.accepted == 1
+    assert desk.robot.server.counts["commands that answer no report"] == 3
+
+
+def test_start_move_buffers_set_points() -> None:
+    desk = Desk()
+    desk.send(Capability(Kind.SET_CAPABILITY, 3, start_move=4))
+    desk.begin()
+    joints = list(desk.robot.motion.set_point)
+    for count in range(1, 8):
+        joints[5] += 0.0005
+        desk.command(joints)
+        desk.tick()
+        expected = joints[5] - 0.0005 * min(count, 4)
+        assert desk.robot.motion.set_point[5] == pytest.approx(expected, abs=1e-9)
+
+
+def test_numbers_that_are_none_raise_an_alarm() -> None:
+    desk = started()
+    desk.command((math.nan, *desk.robot.motion.set_point[1:]))
+    desk.tick()
+    assert alarms(desk) == ["MOTN-625"]
+
+
+def test_leap_raises_an_alarm() -> None:
+    desk = started()
+    joints = list(desk.robot.motion.set_point)
+    joints[0] += 31.0
+    desk.command(joints)
+    desk.tick()
+    assert alarms(desk) == ["MOTN-625"]
+    hindrance = desk.robot.hindrance(desk.now)
+    assert hindrance is not None
+    assert hindrance.by_order
+
+
+STEPS = [(2.0, "MOTN-609"), (0.02, "MOTN-610"), (0.001, "MOTN-611")]
+
+
+@pytest.mark.parametrize(("step", "alarm"), STEPS)
+def test_old_software_refuses_steps_beyond_its_limits(step: float, alarm: str) -> None:
+    desk = started(OLD)
+    joints = list(desk.robot.motion.set_point)
+    joints[0] += step
+    desk.command(joints)
+    desk.tick()
+    assert alarms(desk) == [alarm]
+    assert not desk.report.status & Status.READY
+
+
+@pytest.mark.parametrize(("step", "alarm"), STEPS)
+def test_new_software_smooths_them(step: float, alarm: str) -> None:
+    desk = started()
+    joints = list(desk.robot.motion.set_point)
+    joints[0] += step
+    for _ in range(100):
+        desk.command(joints)
+        desk.tick()
+    assert alarms(desk) == []
+    assert desk.robot.motion.set_point[0] == pytest.approx(joints[0], abs=1e-9)
+
+
+def test_smoothed_step_keeps_the_limits() -> None:
+    desk = started()
+    joints = list(desk.robot.motion.set_point)
+    joints[0] += 20.0
+    positions = []
+    for _ in range(150):
+        desk.command(joints)
+        desk.tick()
+        positions.append(desk.robot.motion.set_point[0])
+    speeds = [(b - a) / 0.008 for a, b in zip(positions, positions[1:], strict=False)]
+    gains = [(b - a) / 0.008 for a, b in zip(speeds, speeds[1:], strict=False)]
+    assert max(speeds) <= 120.0
+    assert max(map(abs, gains)) <= 265.0 + 1e-6
+
+
+# --- the incident
+
+
+def test_joints_with_data_style_0_are_read_as_a_pose() -> None:
+    desk = started()
+    before = desk.robot.path.pose.position  # type: ignore[attr-defined]
+    joints = desk.robot.motion.set_point
+    for _ in range(12):
+        desk.command(joints, CARTESIAN)
+        desk.tick()
+    assert alarms(desk) == []
+    order = desk.orders[-1]
+    assert order.breach.startswith("data style 0: the joints of the arm are read as the pose X Y Z W P R")
+    assert order.pose is not None
+    assert math.dist(order.pose.position, before) > 0.9
+    for _ in range(200):
+        desk.command(joints, CARTESIAN)
+        desk.tick()
+    assert alarms(desk) == ["MOTN-018"], "the pose inside its base is out of reach"
+    desk.wait(0.3)
+    assert math.dist(desk.robot.path.pose.position, before) > 0.1, "the arm has left"  # type: ignore[attr-defined]
+
+
+def test_pose_with_data_style_0_is_followed() -> None:
+    desk = started()
+    x, y, z, w, p, r = desk.report.pose[:6]
+    for count in range(1, 100):
+        desk.command((x, y, z - 0.002 * min(count, 50), w, p, r), CARTESIAN)
+        desk.tick()
+    assert alarms(desk) == []
+    assert not any(order.breach for order in desk.orders)
+    assert desk.report.pose[:6] == pytest.approx((x, y, z - 0.1, w, p, r), abs=1e-3)
+
+
+def test_old_software_refuses_a_pose_that_is_far() -> None:
+    desk = started(OLD)
+    x, y, z, w, p, r = desk.report.pose[:6]
+    desk.command((x, y, z - 20.0, w, p, r), CARTESIAN)
+    desk.tick()
+    assert alarms(desk) == ["MOTN-720"]
+
+
+# --- silence
+
+
+@pytest.mark.parametrize(
+    ("speed", "ready_s", "overrun"), [(49.9, 0.071, 4.63), (15.3, 0.121, 2.10)]
+)
+def test_silence_lets_the_arm_coast(speed: float, ready_s: float, overrun: float) -> None:
+    desk = started()
+    desk.move(5, speed, 1.5)
+    silent_at, place = desk.now, desk.report.joints[5]
+    while desk.report.status & Status.READY:
+        desk.tick()
+    assert desk.now - silent_at == pytest.approx(ready_s, abs=0.009)
+    desk.wait(0.3)
+    assert alarms(desk) == []
+    assert desk.report.joints[5] - place == pytest.approx(overrun, rel=0.1)
+    assert not desk.report.status & (Status.READY | Status.MOVING)
+    count = len(desk.reports)
+    desk.wait(0.08)
+    assert len(desk.reports) == count + 10, "reports go on"
+
+
+def test_old_software_stops_with_an_alarm_when_set_points_are_missing() -> None:
+    desk = started(OLD)
+    desk.command(desk.robot.motion.set_point)
+    desk.tick(11)
+    assert alarms(desk) == []
+    desk.tick(2)
+    assert alarms(desk) == ["MOTN-603"]
+
+
+def test_last_command_ends_the_movement_without_an_alarm() -> None:
+    desk = started(OLD)
+    desk.command(desk.robot.motion.set_point, last=True)
+    desk.wait(1.0)
+    assert alarms(desk) == []
+    assert desk.report.status & Status.READY
+
+
+# --- stops
+
+
+def test_emergency_stop_arrives_in_stages() -> None:
+    desk = started()
+    desk.move(5, 20.0, 0.5)
+    desk.inject("robot", "emergency-stop", 2.0)
+    at = desk.now
+    stages = {}
+    while desk.now < at + 0.6:
+        desk.command(desk.robot.motion.set_point)
+        desk.tick()
+        report = desk.report
+        stages[round(desk.now - at, 3)] = (report.robot_status, bool(report.status & Status.READY))
+    times = sorted(stages)
+    changes = [(time, stages[time]) for time, before in zip(times[1:], times, strict=False) if stages[time] != stages[before]]
+    assert stages[times[0]] == (1, True)
+    assert [stage for _, stage in changes] == [(1, False), (5, False)]
+    assert [time for time, _ in changes] == pytest.approx([0.3, 0.5], abs=0.01)
+    assert alarms(desk) == ["SRVO-002", "SRVO-289"]
+    place = desk.report.joints[5]
+    desk.wait(0.1)
+    assert desk.report.joints[5] == place
+
+
+def test_recovery_needs_reset_and_call_but_no_start_packet() -> None:
+    desk = started()
+    injection = desk.inject("robot", "emergency-stop", 1.0)
+    desk.wait(0.7)
+    assert desk.ask({"Command": "FRC_Reset"})["ErrorID"] == 2556940
+    assert desk.ask({"Command": "FRC_Initialize"})["ErrorID"] == 2556955
+    handler = desk.robot.handlers["robot"]["emergency-stop"]
+    assert handler.end is not None
+    handler.end(injection, desk.now)
+    assert alarms(desk) == ["SRVO-002", "SRVO-289"]
+    released = desk.now
+    assert desk.ask({"Command": "FRC_Reset"})["ErrorID"] == 0
+    assert not desk.report.status & Status.READY
+    assert desk.ask({"Command": "FRC_Continue"})["ErrorID"] == 0
+    assert desk.call() == 0
+    while not desk.report.status & Status.READY:
+        desk.tick()
+    assert desk.now - released < 1.5
+    assert {order.act for order in desk.orders} >= {Act.RELEASE, Act.PROGRAM}
+
+
+def test_contact_stop_trips_at_its_force() -> None:
+    desk = started()
+    forces = [(0.0, 0.0, 149.0)]
+    desk.robot.feel(lambda time: forces[0])
+    desk.wait(0.1)
+    assert desk.report.contact_stop == 0
+    forces[0] = (0.0, 0.0, 151.0)
+    desk.tick()
+    assert desk.report.contact_stop == 2
+    assert alarms(desk) == ["SYST-321"]
+    forces[0] = (0.0, 0.0, 0.0)
+    assert desk.ask({"Command": "FRC_Reset"})["ErrorID"] == 0
+    assert desk.report.contact_stop == 0
+
+
+def test_aborted_tasks_hang_the_server_until_power_is_cycled() -> None:
+    desk = started()
+    desk.robot.abort_tasks(desk.now)
+    count = len(desk.packets)
+    desk.send(Capability(Kind.GET_CAPABILITY, 3))
+    desk.signal(Kind.STOP)
+    desk.signal(Kind.START)
+    desk.wait(0.2)
+    assert len(desk.packets) == count
+    assert desk.ask({"Command": "FRC_Continue"})["ErrorID"] == 2556939
+    assert desk.call() == 2556934
+    desk.robot.cycle_power(desk.now)
+    desk.begin()
+
+
+def test_pendant_that_is_on_stops_the_program() -> None:
+    desk = started()
+    desk.inject("robot", "pendant-on", 1.0)
+    desk.tick()
+    assert (desk.report.robot_status, desk.report.status & Status.READY) == (2, 0)
+    assert desk.ask({"Command": "FRC_GetStatus"})["TPMode"] == 1
+    assert desk.ask({"Command": "FRC_Initialize"})["ErrorID"] == 2556943
+
+
+# --- Remote Motion Interface
+
+
+def test_door_names_the_port_of_the_session() -> None:
+    desk = Desk()
+    for name in ("FRC_Connect", "FRC_Connect_STMO"):
+        door = Door(desk.robot.interface)
+        door.receive(f'{{"Communication": "{name}"}}\r\n'.encode(), T0)
+        assert door.data_to_send(T0) == (
+            b'{"Communication":"' + name.encode() + b'","ErrorID":0,"PortNumber":16002,'
+            b'"MajorVersion":9,"MinorVersion":0}\r\n'
+        )
+
+
+@pytest.mark.parametrize(("disconnects", "free_s"), [(True, 2.7), (False, 0.2)])
+def test_second_client_is_answered_once_the_first_has_left(disconnects: bool, free_s: float) -> None:
+    desk = Desk()
+    other = Connection(desk.robot.interface, desk.now)
+    line = b'{"Command": "FRC_GetStatus"}\r\n'
+
+    def answered() -> bool:
+        other.receive(line, desk.now)
+        desk.tick(10)
+        other.handle_deadline(desk.now)
+        return bool(other.data_to_send(desk.now))
+
+    assert not answered()
+    if disconnects:
+        assert desk.ask({"Communication": "FRC_Disconnect"})["ErrorID"] == 0
+        assert desk.session.closing
+    left = desk.now
+    desk.session.close(desk.now)
+    desk.wait(max(free_s - 0.1, 0.0))
+    assert not answered() or desk.now >= left + free_s
+    desk.wait(0.2)
+    assert answered()
+
+
+def test_rmi_joints_and_position_are_those_of_the_pendant() -> None:
+    desk = Desk()
+    a, b, c, d, e, f = desk.robot.motion.joints
+    answer = desk.ask({"Command": "FRC_ReadJointAngles"})["JointAngle"]
+    assert list(answer.values())[:6] == [round(q, 3) for q in (a, b, c - b, d, e, f)]
+    x, y, z = START.position
+    r, p, w = angles_of(START.quaternion)
+    position = desk.ask({"Command": "FRC_ReadCartesianPosition"})["Position"]
+    expected = (1e3 * x, 1e3 * y, 1e3 * z - 245.0, w, p, r)
+    assert list(position.values())[:6] == pytest.approx(expected, abs=1e-3)
+
+
+def test_alarm_is_pushed_and_can_be_read() -> None:
+    desk = started()
+    desk.signal(Kind.START)
+    desk.tick()
+    assert {"Communication": "FRC_SystemFault", "SequenceID": 2} in desk.messages
+    answer = desk.ask({"Command": "FRC_ReadError", "Count": 5})
+    assert (answer["Count"], answer["ErrorData"]) == (1, "MOTN-607 Start packet without a stop packet")
+
+
+@pytest.mark.parametrize(
+    ("line", "error"),
+    [
+        (b"nonsense\r\n", 2556941),
+        (b'{"Command": "FRC_Nothing"}\r\n', 2556941),
+        (b"[1, 2]\r\n", 2556941),
+        (b'{"Instruction": "FRC_Call", "SequenceID": 1, "ProgramName": "X"}\r\n', 2556981),
+        (b'{"Instruction": "FRC_Call", "SequenceID": 3, "ProgramName": "STREAM_MOTN"}\r\n', 2556957),
+        (b'{"Instruction": "FRC_Call", "SequenceID": 1, "ProgramName": "STREAM_MOTN"}\r\n', 2556937),
+        (b'{"Instruction": "FRC_JointMotion", "SequenceID": 1}\r\n', 2556948),
+    ],
+)
+def test_line_that_cannot_be_carried_out_is_refused(line: bytes, error: int) -> None:
+    desk = Desk()
+    desk.session.receive(line, desk.now)
+    desk.wait(0.1)
+    assert [message["ErrorID"] for message in desk.messages] == [error]
+
+
+def test_call_with_a_number_that_was_used_is_dropped() -> None:
+    desk = started()
+    count = len(desk.messages)
+    call = b'{"Instruction":"FRC_Call","SequenceID":1,"ProgramName":"STREAM_MOTN"}\r\n'
+    desk.session.receive(call, desk.now)
+    desk.wait(0.3)
+    assert desk.messages[count:] == []
+
+
+def test_idle_connection_is_ended_after_an_hour() -> None:
+    desk = Desk(FanucProfile(rmi_idle_min=0.01))
+    desk.wait(0.7)
+    assert desk.messages == [{"Communication": "FRC_Terminate"}]
+    assert desk.session.closing
+
+
+# --- versions
+
+
+@pytest.mark.parametrize(("version", "size"), [(1, 132), (2, 132), (3, 388), (4, 416)])
+def test_each_version_moves_the_arm(version: int, size: int) -> None:
+    desk = started(FanucProfile(version=version))  # type: ignore[arg-type]
+    start = desk.report.joints[5]
+    desk.move(5, 5.0, 0.6)
+    desk.wait(0.05)
+    assert desk.report.version == version
+    assert desk.report.joints[5] > start + 1.0
+    assert alarms(desk) == []
+
+
+def test_report_of_version_4_has_the_force_in_the_tool_frame() -> None:
+    still: PerAxis = (0.0,) * 6
+    desk = Desk(FanucProfile(version=4, force_offset_n=0.0, force_noise_n=0.0))
+    desk.robot.feel(lambda time: (0.0, 0.0, 12.0))
+    desk.begin()
+    assert (desk.report.wrench, desk.report.sensor) == (still, 0)
+    desk.send(ForceSensor(4, 0, 1))
+    desk.wait(0.1)
+    wrench = desk.report.wrench
+    assert wrench is not None
+    assert desk.report.sensor == 1
+    assert wrench[:3] == pytest.approx((0.0, 0.0, -12.0), abs=0.01)  # the tool points down
+    desk.send(ForceSensor(4, 1, 1))
+    desk.tick(2)
+    assert desk.report.wrench == pytest.approx(still, abs=0.01)
+    desk.send(ForceSensor(4, 0, 2))
+    desk.tick()
+    assert desk.report.sensor == 0xFFFFFFFF
+
+
+def test_signal_of_version_3_is_not_known_to_version_1() -> None:
+    desk = Desk(FanucProfile(version=1))
+    desk.send(Signal(Kind.START, 3))
+    desk.wait(0.1)
+    assert desk.packets == []
+
+
+def test_style_of_joints_is_any_number_but_0() -> None:
+    desk = started()
+    joints = desk.robot.motion.set_point
+    for style in (1, 7, JOINTS):
+        desk.command(joints, style)
+        desk.tick()
+    assert alarms(desk) == []
+    assert desk.robot.motion.set_point == joints
