@@ -17,6 +17,10 @@ from protocol.geometry import Pose, from_angles, towards
 
 SLOW_DEG_S, FAST_DEG_S = 15.3, 49.9
 """Speeds at which the reaction to silence was observed, degrees/s."""
+_AHEAD = 25, 5, 1
+"""Cycles by which the goal of a motion to a distant pose is ahead of the arm, so that the joints reach their speeds.
+Assumed: the first that can be reached.
+"""
 _TURN_RAD_S = math.pi
 """Largest rotational speed of a motion by poses, rad/s. Assumed."""
 
@@ -45,14 +49,10 @@ class SetPoints:
         """Speed of the fastest joint when set points began to be missing, degrees/s."""
         self._begun = False
         """Whether the movement has begun: `start_move` set points were buffered."""
-        self._pose: Pose | None = None
-        """Newest set point of a motion by poses, world frame."""
-        self._pose_speed = 0.0
-        """Speed of the last step by a pose, m/s."""
 
     def begin(self) -> None:
         """Begin a session, or continue after a stop."""
-        self._missing, self._silent_since, self._begun, self._pose = 0, None, False, None
+        self._missing, self._silent_since, self._begun = 0, None, False
 
     @property
     def limits(self) -> tuple[AxisLimits, ...]:
@@ -133,7 +133,6 @@ class SetPoints:
             return self._refuse(alarms.ABNORMAL, at)
         if command.data_style == CARTESIAN:
             return self._by_pose(six, at)
-        self._pose = None
         if max(abs(to - q) for to, q in zip(six, motion.set_point, strict=True)) > self._profile.abnormal_deg:
             return self._refuse(alarms.ABNORMAL, at)
         return self._by_joints(six, alarms.JOINT_LIMITS, at)
@@ -145,7 +144,7 @@ class SetPoints:
         if not motion.arm.allows((a, b, c, d, e, f)):
             return self._refuse(alarms.NOT_REACHABLE, at)
         if self._profile.smooths:
-            motion.limiter.step(self._within_tool_speed((a, b, c, d, e, f)), limits, exact=True)
+            self._smooth((a, b, c, d, e, f))
             return motion.set_point
         if breach := motion.limiter.breach(goal, limits):
             return self._refuse(f"{texts[breach.limit]} (G:1, A:{breach.axis})", at)
@@ -162,13 +161,15 @@ class SetPoints:
         here, there = (self.motion.arm.pose(joints).position for joints in (self.motion.set_point, goal))
         return math.dist(here, there) / most
 
-    def _within_tool_speed(self, goal: Joints) -> Joints:
-        """Return a goal that the tool reaches within its largest speed in collaborative mode."""
-        step = self._tool_step(goal)
-        if step <= 1.0:
-            return goal
-        a, b, c, d, e, f = (q + (to - q) / step for q, to in zip(self.motion.set_point, goal, strict=True))
-        return a, b, c, d, e, f
+    def _smooth(self, goal: Joints) -> None:
+        """Move the set points towards a goal within the limits, also that of the tool in collaborative mode."""
+        limiter, before = self.motion.limiter, self.motion.limiter.states
+        limiter.step(goal, self.limits, exact=True)
+        a, b, c, d, e, f = after = limiter.joints
+        limiter.states = before
+        if (step := self._tool_step((a, b, c, d, e, f))) > 1.0:
+            after = tuple(q.position + (to - q.position) / step for q, to in zip(before, after, strict=True))
+        limiter.accept(after)
 
     def _by_pose(self, six: Sequence[float], at: float) -> Joints:
         """Move towards a pose of the reported point, X Y Z in mm and W P R in degrees."""
@@ -177,20 +178,17 @@ class SetPoints:
         goal = motion.arm.in_base(Pose((x / 1e3, y / 1e3, z / 1e3), from_angles(r, p, w)))
         if not self._server.reports_tcp:
             goal = motion.arm.tip_of(goal)
-        before = self._pose or motion.arm.pose(motion.set_point)
-        most = profile.max_speed_mm_s / 1e3
-        step = math.dist(before.position, goal.position)
-        if not profile.smooths:
-            if step > most * profile.cycle_s:
-                return self._refuse(alarms.CARTESIAN_LIMITS[Limit.SPEED], at)
-            after = goal
-        else:
-            after = towards(before, goal, most * profile.cycle_s, _TURN_RAD_S * profile.cycle_s)
-        joints = motion.arm.nearest(after, motion.set_point)
-        if joints is None:
-            return self._refuse(alarms.NOT_REACHABLE, at)
-        self._pose = after
-        return self._by_joints(joints, alarms.CARTESIAN_LIMITS, at)
+        before = motion.arm.pose(motion.set_point)
+        step = profile.max_speed_mm_s / 1e3 * profile.cycle_s
+        is_near = math.dist(before.position, goal.position) <= step
+        if not profile.smooths and not is_near:
+            return self._refuse(alarms.CARTESIAN_LIMITS[Limit.SPEED], at)
+        for ahead in (1,) if is_near else _AHEAD:
+            after = towards(before, goal, ahead * step, ahead * _TURN_RAD_S * profile.cycle_s)
+            joints = motion.arm.nearest(after, motion.set_point)
+            if joints is not None:
+                return self._by_joints(joints, alarms.CARTESIAN_LIMITS, at)
+        return self._refuse(alarms.NOT_REACHABLE, at)
 
     def _refuse(self, alarm: str, at: float) -> Joints:
         self._program.alarms.raise_(alarm, at)
