@@ -76,7 +76,9 @@ class Model:
     @property
     def reach_m(self) -> float:
         """Upper limit of the distance of the face plate from axis 1 at the height of axis 2, m."""
-        return sum(math.hypot(*link.offset_mm) for link in self.links) / 1e3 + math.hypot(*self.flange_mm) / 1e3
+        return (
+            sum(math.hypot(*link.offset_mm) for link in self.links) / 1e3 + math.hypot(*self.flange_mm) / 1e3
+        )
 
 
 _AXES: tuple[Vector, ...] = (
@@ -133,14 +135,12 @@ class FanucArm:
     """Arm with a tool, in a base frame with its origin on the mounting face or wherever `world_height_mm` says."""
 
     def __init__(self, model: str, tool: Pose, world_height_mm: float | None = None) -> None:
-        """Create an arm. `tool` is the tool centre point in the frame of the face plate. `world_height_mm` is the height
-        of the world frame in the base frame; None for that of the model above its mounting face.
+        """Create an arm. `tool` is the tool centre point in the frame of the face plate. `world_height_mm` is the
+        height of the world frame in the base frame; None for that of the model above its mounting face.
         """
         self.model = MODELS[model]
         self._tool = tool
-        self._links = [
-            ((x / 1e3, y / 1e3, z / 1e3), axis) for (x, y, z), axis in self.model.links
-        ]
+        self._links = [((x / 1e3, y / 1e3, z / 1e3), axis) for (x, y, z), axis in self.model.links]
         x, y, z = self.model.flange_mm
         self._flange: Vector = x / 1e3, y / 1e3, z / 1e3
         height = self.model.world_height_mm if world_height_mm is None else world_height_mm

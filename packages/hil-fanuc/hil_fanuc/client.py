@@ -289,9 +289,7 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         sent_at = self._clock.sent_at(report.time_s, at)
         force = self._force_of(report, base)
         self._events.append(
-            ReportReceived(
-                RobotReport(number, base, sent_at, at, trouble.fact, (), force, trouble.remedy)
-            )
+            ReportReceived(RobotReport(number, base, sent_at, at, trouble.fact, (), force, trouble.remedy))
         )
 
     def _pose_of(self, report: Report) -> Pose | None:

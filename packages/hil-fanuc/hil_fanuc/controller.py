@@ -81,7 +81,9 @@ class FanucController:
             "contact-stop": self._trip,
             "starves": self._starve,
             "stranger-stop": lambda at: self._receive(Signal(Kind.STOP, self.server.version), _STRANGER, at),
-            "stranger-start": lambda at: self._receive(Signal(Kind.START, self.server.version), _STRANGER, at),
+            "stranger-start": lambda at: self._receive(
+                Signal(Kind.START, self.server.version), _STRANGER, at
+            ),
         }
         stop = Handler(self._begin_stop, lambda injection, now: self._end_stop(injection.fault))
         return {

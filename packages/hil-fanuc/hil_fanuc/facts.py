@@ -6,12 +6,12 @@ from hil_fanuc.settings import FanucSettings
 from protocol.marks import Mark, settings
 
 _ORDINARY_N = 12.0
-"""Difference of the robot's force from a force sensor in normal operation, N. Assumed: as for other built-in sensors."""
+"""Difference of the robot's force from a force sensor in normal operation, N. Assumed: as for other sensors."""
 _WITNESS_DELAY_S = 0.01
 """Time constant of the filter of the reported force, s. Assumed."""
 DECISION_S = 0.096
-"""Default period of a run, s. Chosen: the arm follows set points 84 ms later at least. With decisions in each cycle, the
-force on a surface of 50 kN/m oscillates.
+"""Default period of a run, s. Chosen: the arm follows set points 84 ms later at least. With decisions in each cycle,
+the force on a surface of 50 kN/m oscillates.
 """
 LIMITER_TRAIL_S = 0.04
 """Delay of the client's set points behind those of a run, s. Derived: the square root of 10 mm/s by the 7 m/s³ that the
@@ -22,7 +22,8 @@ limits of a CRX allow its tool; see `path_limiter`.
 def robot_facts(client: FanucSettings, assumed: FanucProfile) -> RobotFacts:
     """Return the facts for these settings. The servo is assumed to equal that of the emulated controller."""
     marks = {
-        item.name: str(item.info.mark if item.value == item.default else Mark.CHOSEN) for item in settings(assumed)
+        item.name: str(item.info.mark if item.value == item.default else Mark.CHOSEN)
+        for item in settings(assumed)
     }
     has_force = client.sensor != "none"
     return RobotFacts(

@@ -7,6 +7,7 @@ which the shortest stop ends there. Moving set points are then followed with a d
 the speed.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -103,7 +104,9 @@ class JointLimiter:
         """Return the limit that these set points would exceed."""
         return find_breach(self.states, self._following(joints), limits, self._cycle)
 
-    def step(self, goal: Sequence[float], limits: Sequence[AxisLimits], exact: bool = False) -> tuple[float, ...]:
+    def step(
+        self, goal: Sequence[float], limits: Sequence[AxisLimits], exact: bool = False
+    ) -> tuple[float, ...]:
         """Move towards a goal by one cycle and return the set points. With `exact`, a goal that keeps the limits is
         taken at once, even if the joints could not stop there.
         """
@@ -154,7 +157,7 @@ def _can_end(state: AxisState, goal: float, limits: AxisLimits, cycle: float) ->
     before, at = state.acceleration, state.after(goal, cycle)
     braked = -at.speed / cycle
     accelerations = before, at.acceleration, braked, 0.0
-    jerks = (abs(b - a) / cycle for a, b in zip(accelerations, accelerations[1:], strict=False))
+    jerks = (abs(b - a) / cycle for a, b in itertools.pairwise(accelerations))
     return (
         abs(at.speed) <= limits.speed
         and max(map(abs, accelerations[1:])) <= limits.acceleration

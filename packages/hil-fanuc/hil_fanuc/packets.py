@@ -249,7 +249,9 @@ _TO_CLIENT = {
 
 
 _OLD = frozenset((Kind.START_V1, Kind.COMMAND_V1, Kind.COMMAND_V2))
-_NEW = frozenset((Kind.GET_CAPABILITY, Kind.SET_CAPABILITY, Kind.START, Kind.COMMAND, Kind.GPIO, Kind.FORCE_SENSOR))
+_NEW = frozenset(
+    (Kind.GET_CAPABILITY, Kind.SET_CAPABILITY, Kind.START, Kind.COMMAND, Kind.GPIO, Kind.FORCE_SENSOR)
+)
 
 
 def is_known(kind: int, version: int) -> bool:
@@ -342,9 +344,8 @@ def decode_to_client(data: bytes) -> ToClient:
         case Kind.REPORT:
             return _report(_REPORT.unpack(data), None)
         case Kind.REPORT_V4:
-            values = _REPORT_V4.unpack(data)
-            a, b, c, d, e, f, sensor = values[-7:]
-            return _report(values[:-7], (a, b, c, d, e, f))._replace(sensor=sensor)
+            *most, a, b, c, d, e, f, sensor = _REPORT_V4.unpack(data)
+            return _report(most, (a, b, c, d, e, f))._replace(sensor=sensor)
         case Kind.THRESHOLD:
             _, version, axis, limit, speed, interval, *tables = _THRESHOLD.unpack(data)
             return Threshold(

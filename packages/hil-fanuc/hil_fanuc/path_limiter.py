@@ -10,13 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil_fanuc.arms import FanucArm, Joints
-from hil_fanuc.limits import AxisLimits, AxisState, JointLimiter, Limit, next_state
+from hil_fanuc.limits import AxisLimits, AxisState, JointLimiter, next_state
+from hil_fanuc.packets import Limit
 from protocol.geometry import Pose, Quaternion, product, rotation_vector, turn_between, turn_by
 
 _TURNING_SHARE = 0.5
 """Share of the limits for translations while the tool turns; the rest is for the rotation. Chosen."""
 _MARGIN = 0.7
-"""Share of the limits of the joints that each coordinate uses. Chosen: several coordinates seldom need theirs at once."""
+"""Share of the limits of the joints that each coordinate uses. Chosen: several seldom need theirs at once."""
 
 
 class PathLimiter:
@@ -84,7 +85,9 @@ class PathLimiter:
         for part, first in zip(shares, (0, 3), strict=True):
             rows = rates[:, first : first + 3].max(axis=1)
             values = (
-                _MARGIN * part * float(min(limit[kind] / row for limit, row in zip(limits, rows, strict=True)))
+                _MARGIN
+                * part
+                * float(min(limit[kind] / row for limit, row in zip(limits, rows, strict=True)))
                 for kind in Limit
             )
             groups.append(AxisLimits(*values))

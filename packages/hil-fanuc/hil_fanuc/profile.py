@@ -1,6 +1,6 @@
 """Settings of the emulated controller: section `[cell.fanuc]`.
 
-Observed, unless a setting says otherwise: a CRX-10iA/L with V9.40P/82 (airo-ugent/airo-fanuc, docs/controller-notes.md).
+Observed values are those of a CRX-10iA/L with V9.40P/82 (airo-ugent/airo-fanuc, docs/controller-notes.md).
 """
 
 from collections.abc import Mapping
@@ -56,11 +56,15 @@ class FanucProfile:
         0.01, Mark.ASSUMED, "speed of a joint from which it reports a motion", above(0.0), unit="°/s"
     )
     # --- limits
-    speeds_deg_s: PerAxis = setting(None, Mark.OBSERVED, "limits of the joints' speeds, by the model", unit="°/s")
+    speeds_deg_s: PerAxis = setting(
+        None, Mark.OBSERVED, "limits of the joints' speeds, by the model", unit="°/s"
+    )
     accelerations_deg_s2: PerAxis = setting(
         None, Mark.DERIVED, "limits of the joints' accelerations, by the model", unit="°/s²"
     )
-    jerks_deg_s3: PerAxis = setting(None, Mark.DERIVED, "limits of the joints' jerks, by the model", unit="°/s³")
+    jerks_deg_s3: PerAxis = setting(
+        None, Mark.DERIVED, "limits of the joints' jerks, by the model", unit="°/s³"
+    )
     full_load_percent: float = setting(
         100.0,
         Mark.ASSUMED,
@@ -87,10 +91,18 @@ class FanucProfile:
     )
     # --- silence and stops
     silent_slow_ms: float = setting(
-        121.0, Mark.OBSERVED, "time without a set point until it is not ready, at 15.3 °/s or less", above(0.0), unit="ms"
+        121.0,
+        Mark.OBSERVED,
+        "time without a set point until it is not ready, at 15.3 °/s or less",
+        above(0.0),
+        unit="ms",
     )
     silent_fast_ms: float = setting(
-        71.0, Mark.OBSERVED, "time without a set point until it is not ready, at 49.9 °/s or more", above(0.0), unit="ms"
+        71.0,
+        Mark.OBSERVED,
+        "time without a set point until it is not ready, at 49.9 °/s or more",
+        above(0.0),
+        unit="ms",
     )
     coast_slow_ms: float = setting(
         137.0,
@@ -113,20 +125,36 @@ class FanucProfile:
         300.0, Mark.OBSERVED, "time from an emergency stop until it is not ready", at_least(0.0), unit="ms"
     )
     stop_bit_ms: float = setting(
-        500.0, Mark.OBSERVED, "time from an emergency stop until it reports it as such", at_least(0.0), unit="ms"
+        500.0,
+        Mark.OBSERVED,
+        "time from an emergency stop until it reports it as such",
+        at_least(0.0),
+        unit="ms",
     )
     # --- Remote Motion Interface
     rmi_answer_ms: float = setting(
-        60.0, Mark.DERIVED, "time until it answers a line: 15 positions in a second were read", at_least(0.0), unit="ms"
+        60.0,
+        Mark.DERIVED,
+        "time until it answers a line: 15 positions in a second were read",
+        at_least(0.0),
+        unit="ms",
     )
     rmi_free_s: float = setting(
         2.7, Mark.OBSERVED, "time from FRC_Disconnect until another client is served", at_least(0.0), unit="s"
     )
     rmi_lost_s: float = setting(
-        0.2, Mark.OBSERVED, "time from the end of a connection until another client is served", at_least(0.0), unit="s"
+        0.2,
+        Mark.OBSERVED,
+        "time from the end of a connection until another client is served",
+        at_least(0.0),
+        unit="s",
     )
     rmi_idle_min: float = setting(
-        60.0, Mark.OBSERVED, "$RMI_CFG.$DISCNT_TIM: time without a line until it disconnects; 0: never", at_least(0.0), unit="min"
+        60.0,
+        Mark.OBSERVED,
+        "$RMI_CFG.$DISCNT_TIM: time without a line until it disconnects; 0: never",
+        at_least(0.0),
+        unit="min",
     )
     lost_client: Literal["abort", "continue"] = setting(
         "abort", Mark.ASSUMED, "what happens to the TP program when the connection of its client ends"
@@ -142,7 +170,9 @@ class FanucProfile:
     natural_frequency_rad_s: float = setting(
         80.0, Mark.ASSUMED, "natural frequency of the closed position loops", above(0.0), unit="rad/s"
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping ratio of the closed position loops", above(0.0))
+    damping_ratio: float = setting(
+        1.0, Mark.ASSUMED, "damping ratio of the closed position loops", above(0.0)
+    )
     # --- force, from version 4 on
     force_axes: Literal["tool", "base"] = setting("tool", Mark.ASSUMED, "frame of the reported force")
     force_offset_n: float = setting(

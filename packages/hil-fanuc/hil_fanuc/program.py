@@ -83,7 +83,9 @@ class Program:
         """Return whether the controller reports that it is ready for commands."""
         if self.alarms:
             stopped = EMERGENCY in self.alarms.active
-            return stopped and self._was_up and now < self.alarms.raised_at + self._profile.stop_ready_ms / 1e3
+            return (
+                stopped and self._was_up and now < self.alarms.raised_at + self._profile.stop_ready_ms / 1e3
+            )
         return self.is_up(now)
 
     def is_up(self, now: float) -> bool:

@@ -131,4 +131,3 @@ class Reporter:
             a, b, c = rotate(pose.quaternion, (a, b, c))
         k, m, n = moments
         return a, b, c, k, m, n
-

@@ -46,7 +46,9 @@ class Requests:
     def __init__(self, answer_s: float) -> None:
         self._answer_s = answer_s
 
-    def packet(self, packet: ToRobot, accepts: Callable[[Any], bool], name: str) -> Generator[Request, Any, Any]:
+    def packet(
+        self, packet: ToRobot, accepts: Callable[[Any], bool], name: str
+    ) -> Generator[Request, Any, Any]:
         """Ask over Stream Motion, and return the answer."""
         piece = Piece(Channel.STREAM, encode_to_robot(packet))
         late = Trouble(
@@ -68,7 +70,9 @@ class Requests:
         first: tuple[OpenSession, ...] = (),
         late: Trouble | None = None,
     ) -> Generator[Request, Any, rmi.Message]:
-        """Ask over the Remote Motion Interface, and return the answer, whatever its ErrorID. `first` opens the channel."""
+        """Ask over the Remote Motion Interface, and return the answer, whatever its ErrorID. `first` opens the
+        channel.
+        """
         key, name = rmi.name_of(message)
         piece = Piece(channel, rmi.encode(message))
         late = late or Trouble(f"it does not answer {name}", _NETWORK)
@@ -83,7 +87,9 @@ class Requests:
         """Ask over the Remote Motion Interface. Raises Failed for an answer with an error."""
         answer = yield from self.line(message)
         if number := error_of(answer):
-            raise Failed(Trouble(f"it refuses {rmi.name_of(message).name}: {rmi.describe_error(number)}", remedy))
+            raise Failed(
+                Trouble(f"it refuses {rmi.name_of(message).name}: {rmi.describe_error(number)}", remedy)
+            )
         return answer
 
 

@@ -54,7 +54,7 @@ class Interface:
         self.host = host
         self.port = rmi.SESSION_PORT
         """Port of the session that the door names."""
-        self.owner: "Connection | None" = None
+        self.owner: Connection | None = None
         self._free_at = -math.inf
         self.initialized = False
         self.sequence = 1
@@ -222,10 +222,15 @@ class Commands:
         """Carry out a command, and return its answer without its name; None for no answer."""
         act = _ACTS.get(name)
         if act is not None:
-            return act(self, message)
+            answer: Message | None = act(self, message)
+            return answer
         if name in _MOTIONS:
-            self._host.tell(ReceivedOrder(self._now, Act.REFUSED, f"{name} of the Remote Motion Interface", False))
-            self._host.server.unmodelled.touch(name, "refused: only the TP program of Stream Motion moves the arm")
+            self._host.tell(
+                ReceivedOrder(self._now, Act.REFUSED, f"{name} of the Remote Motion Interface", False)
+            )
+            self._host.server.unmodelled.touch(
+                name, "refused: only the TP program of Stream Motion moves the arm"
+            )
             return {"SequenceID": message.get("SequenceID", 0), "ErrorID": rmi.BAD_INSTRUCTION}
         return {"ErrorID": rmi.BAD_COMMAND}
 
@@ -378,7 +383,11 @@ class Commands:
 
     def _read_register(self, message: Message) -> Message:
         number = message.get("RegisterNumber", 0)
-        return {"ErrorID": 0, "RegisterNumber": number, "RegisterValue": self._interface.registers.get(number, 0)}
+        return {
+            "ErrorID": 0,
+            "RegisterNumber": number,
+            "RegisterValue": self._interface.registers.get(number, 0),
+        }
 
     def _write_register(self, message: Message) -> Message:
         number, value = message.get("RegisterNumber"), message.get("RegisterValue")

@@ -8,14 +8,15 @@ from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
-from hil_bridge.transports.urls import WireUrl, parse_url
-from hil_bridge.transports.urls import CONNECT_DATAGRAMS
+from hil_bridge.transports.urls import CONNECT_DATAGRAMS, WireUrl, parse_url
 from hil_fanuc.channels import Pieces
 from hil_fanuc.client import FanucClient
 from hil_fanuc.controller import FanucController
+from hil_fanuc.describe import describe
 from hil_fanuc.facts import robot_facts
 from hil_fanuc.faults import FANUC_FAULTS
 from hil_fanuc.panel import FANUC_CONTROLS
+from hil_fanuc.probing import probe
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.settings import FanucSettings
 from hil_fanuc.wires import connect_wires, parse_address, serve_robot
@@ -75,5 +76,7 @@ ROBOT = RobotKind(
     RobotEmulation(FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS),
     check=check,
     parse=_parse,
+    describe=describe,
+    probe=probe,
     usual_wire="udp://{host}",
 )

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from hil_fanuc import alarms
 from hil_fanuc.arms import Joints
-from hil_fanuc.limits import AxisLimits, Limit, LimitTable
-from hil_fanuc.motion import Drive, Motion
-from hil_fanuc.packets import CARTESIAN, Command, ThresholdRequest, is_finite
+from hil_fanuc.limits import AxisLimits, LimitTable
+from hil_fanuc.motion import Motion
+from hil_fanuc.packets import CARTESIAN, Command, Limit, Threshold, ThresholdRequest, is_finite
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from hil_fanuc.stream_server import StreamServer
@@ -32,7 +32,7 @@ class SetPoints:
         self._profile, self._program, self._server = profile, program, server
         self.motion: Motion
         """Arm; set once it is powered up."""
-        tables = {
+        tables: dict[tuple[int, int], Threshold] = {
             (axis, kind): server.threshold(ThresholdRequest(profile.version, axis, kind))
             for axis in range(1, 7)
             for kind in Limit

@@ -2,11 +2,13 @@
 thresholds, TP program, start packet.
 
 A stop packet ends the session of another client. It is therefore sent only after the second connection of the Remote
-Motion Interface has answered, because the controller serves one client there (observed: airo-ugent/airo-fanuc, 1.4, 1.8).
+Motion Interface has answered, because the controller serves one client there (observed: airo-ugent/airo-fanuc, 1.4,
+1.8).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from hil_fanuc import rmi
 from hil_fanuc.channels import Channel, OpenSession
@@ -18,7 +20,6 @@ from hil_fanuc.packets import (
     GpioResult,
     Kind,
     Limit,
-    Report,
     Signal,
     Threshold,
     ThresholdRequest,
@@ -66,24 +67,26 @@ class Startup:
 
     def __init__(self, settings: FanucSettings) -> None:
         self._settings = settings
-        self._requests = Requests(settings.answer_s)
+        self.requests = Requests(settings.answer_s)
         self.controller = Controller(settings.version or FIRST_VERSION)
 
     def run(self) -> Script:
         """Begin to stream. Raises Failed if the controller does not become ready."""
-        yield from self._connect()
-        yield from self._requests.send(Signal(Kind.STOP, self.controller.version), _PAUSE_S)
+        yield from self.connect()
+        yield from self.requests.send(Signal(Kind.STOP, self.controller.version), _PAUSE_S)
         yield from self.look()
         yield from self._choose_reports()
         yield from self._initialize()
         yield from self._start()
 
-    def _connect(self) -> Script:
+    def connect(self) -> Script:
         """Open both connections of the Remote Motion Interface."""
-        requests = self._requests
+        requests = self.requests
         answer = yield from requests.line({"Communication": "FRC_Connect"}, Channel.DOOR)
         if number := error_of(answer):
-            raise Failed(Trouble(f"it refuses FRC_Connect: {rmi.describe_error(number)}", _OTHER_CLIENT.remedy))
+            raise Failed(
+                Trouble(f"it refuses FRC_Connect: {rmi.describe_error(number)}", _OTHER_CLIENT.remedy)
+            )
         self.controller.rmi_version = f"{answer.get('MajorVersion', '?')}.{answer.get('MinorVersion', '?')}"
         session = OpenSession(number_of(answer, "PortNumber"))
         status = yield from requests.line({"Command": "FRC_GetStatus"}, first=(session,), late=_OTHER_CLIENT)
@@ -91,7 +94,7 @@ class Startup:
 
     def look(self) -> Script:
         """Read capability and thresholds. Changes nothing."""
-        controller, requests = self.controller, self._requests
+        controller, requests = self.controller, self.requests
         if not self._settings.version:
             request = Capability(Kind.GET_CAPABILITY, FIRST_VERSION)
             answer = yield from requests.packet(request, _is(Kind.GET_CAPABILITY), "capability request")
@@ -102,7 +105,7 @@ class Startup:
             for limit in Limit:
                 ask = ThresholdRequest(controller.version, axis, limit)
                 answer = yield from requests.packet(
-                    ask, lambda one, ask=ask: _answers(one, ask), f"request of the thresholds of axis {axis}"
+                    ask, partial(_answers, ask), f"request of the thresholds of axis {axis}"
                 )
                 controller.thresholds[axis, limit] = answer
         controller.max_speed_mm_s = answer.speed_mm_s
@@ -129,10 +132,10 @@ class Startup:
                 start_move=settings.start_move,
                 reports_tcp=int(settings.reports == "tcp"),
             )
-            yield from self._requests.packet(asked, _is(Kind.SET_CAPABILITY), "choice of its reports")
+            yield from self.requests.packet(asked, _is(Kind.SET_CAPABILITY), "choice of its reports")
 
     def _initialize(self) -> Script:
-        requests, controller = self._requests, self.controller
+        requests, controller = self.requests, self.controller
         if controller.status.get("TPMode") == 1:
             raise Failed(Trouble("its teach pendant is on, or it is not in AUTO", _TO_AUTO))
         yield from requests.line({"Command": "FRC_Abort"})
@@ -142,12 +145,16 @@ class Startup:
 
     def _start(self) -> Script:
         """Call the TP program, send the start packet, and wait until the controller is ready."""
-        settings, requests, controller = self._settings, self._requests, self.controller
+        settings, requests, controller = self._settings, self.requests, self.controller
         if controller.version >= FIRST_VERSION:
             gpio = GpioRequest(controller.version, ())
-            answer = yield from requests.packet(gpio, lambda one: isinstance(one, GpioResult), "GPIO configuration")
+            answer = yield from requests.packet(
+                gpio, lambda one: isinstance(one, GpioResult), "GPIO configuration"
+            )
             if answer.result:
-                raise Failed(Trouble(f"it refuses the GPIO configuration with {answer.result}", "check its I/O"))
+                raise Failed(
+                    Trouble(f"it refuses the GPIO configuration with {answer.result}", "check its I/O")
+                )
         call: rmi.Message = {
             "Instruction": "FRC_Call",
             "SequenceID": number_of(controller.status, "NextSequenceID"),
@@ -158,18 +165,15 @@ class Startup:
         controller.streams = True
         if settings.sensor in _SENSORS and controller.version >= 4:
             yield from requests.send(ForceSensor(controller.version, 1, _SENSORS[settings.sensor]), 0.0)
-        late = Trouble(f"it is not ready for commands {settings.ready_s:g} s after the start packet", _TO_AUTO)
+        late = Trouble(
+            f"it is not ready for commands {settings.ready_s:g} s after the start packet", _TO_AUTO
+        )
         yield Request((), is_ready, settings.ready_s, late)
 
 
-def _is(kind: Kind):  # type: ignore[no-untyped-def]
+def _is(kind: Kind) -> Callable[[object], bool]:
     return lambda answer: isinstance(answer, Capability) and answer.kind == kind
 
 
-def _answers(answer: object, request: ThresholdRequest) -> bool:
+def _answers(request: ThresholdRequest, answer: object) -> bool:
     return isinstance(answer, Threshold) and (answer.axis, answer.limit) == (request.axis, request.limit)
-
-
-def is_report(answer: object) -> bool:
-    """Return whether an answer is a report."""
-    return isinstance(answer, Report)

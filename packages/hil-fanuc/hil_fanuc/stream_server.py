@@ -1,4 +1,4 @@
-"""Server of Stream Motion of the emulated controller: its peer, its buffer of set points, and its answers to requests."""
+"""Server of Stream Motion of the emulated controller: its peer, its buffer of set points, its answers to requests."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Hashable
@@ -44,7 +44,7 @@ class StreamServer:
         """Sender of the start packet."""
         self.is_open = False
         """Whether reports are sent."""
-        self.version = profile.version
+        self.version: int = profile.version
         """Version of the session."""
         self.sequence = 0
         """Number of the newest report."""
@@ -85,7 +85,9 @@ class StreamServer:
                 self._capability(packet, side)
             case GpioRequest(_, lines):
                 if any(line.command for line in lines):
-                    self.unmodelled.touch("GPIO configuration", "answered as valid; I/O is neither read nor written")
+                    self.unmodelled.touch(
+                        "GPIO configuration", "answered as valid; I/O is neither read nor written"
+                    )
                 self._answer(GpioResult(0, 1), side)
             case ForceSensor():
                 self._choose_sensor(packet, now)

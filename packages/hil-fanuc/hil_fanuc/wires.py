@@ -18,7 +18,13 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import BridgeError, ConfigError, TransportError
 from hil_bridge.transports import Datagrams, Transport
-from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, parse_url, split_option, with_option
+from hil_bridge.transports.urls import (
+    CONNECT_DATAGRAMS,
+    LISTEN_DATAGRAMS,
+    parse_url,
+    split_option,
+    with_option,
+)
 from hil_fanuc import rmi
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.controller import FanucController
@@ -166,7 +172,9 @@ def _ignore(data: Pieces) -> None:
 
 
 async def connect_wires(url: str, wiring: Wiring) -> RobotWires:
-    """Open the wires of a client. Raises ConfigError for an invalid URL, TransportUnavailable if one cannot be opened."""
+    """Open the wires of a client. Raises ConfigError for an invalid URL, TransportUnavailable if a wire cannot be
+    opened.
+    """
     address = parse_address(url)
     stream = await wiring.datagrams(address.stream)
     try:
@@ -174,15 +182,15 @@ async def connect_wires(url: str, wiring: Wiring) -> RobotWires:
     except BaseException:
         await stream.aclose()
         raise
-    return RobotWires(
-        url, stream, door, lambda port: wiring.bytes(address.line_url(port)), wiring.clock
-    )
+    return RobotWires(url, stream, door, lambda port: wiring.bytes(address.line_url(port)), wiring.clock)
 
 
 async def serve_robot(url: str, robot: FanucController, serving: Serving) -> str:
     """Let an emulated controller listen, and return the URL for its client."""
     address = parse_address(url, listens=True)
-    door = await serving.serve_clients(_listening(address, address.door), lambda wire, now: Door(robot.interface))
+    door = await serving.serve_clients(
+        _listening(address, address.door), lambda wire, now: Door(robot.interface)
+    )
     port = 0 if address.door != rmi.PORT else rmi.SESSION_PORT
     session = await serving.serve_clients(
         _listening(address, port), lambda wire, now: Connection(robot.interface, now)

@@ -70,7 +70,9 @@ class Desk:
     def reports(self) -> list[Report]:
         return [packet for packet in self.packets if isinstance(packet, Report)]
 
-    def command(self, joints: Any, style: int = JOINTS, last: bool = False, sequence: int | None = None) -> None:
+    def command(
+        self, joints: Any, style: int = JOINTS, last: bool = False, sequence: int | None = None
+    ) -> None:
         number = self.report.sequence if sequence is None else sequence
         self.send(Command(self.version, number, nine(joints), style, last))
 
@@ -214,3 +216,14 @@ class Pair:
             self._door.receive(piece.data, self.now)
         elif self._session is not None:
             self._session.receive(piece.data, self.now)
+
+
+def alarms(desk: Desk) -> list[str]:
+    """Return the numbers of the active alarms."""
+    return [text.split(" ")[0] for text in desk.robot.program.alarms.active]
+
+
+def started(profile: FanucProfile | None = None) -> Desk:
+    desk = Desk(profile)
+    desk.begin()
+    return desk

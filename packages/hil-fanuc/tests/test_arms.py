@@ -26,7 +26,9 @@ def test_crx_reports_its_face_plate_in_the_world_frame() -> None:
 
 def test_tool_extends_along_z_of_the_face_plate() -> None:
     arm = FanucArm("crx-10ia/l", straight_tool(0.175), 0.0)
-    assert [1e3 * part for part in arm.pose(OBSERVED_JOINTS).position] == pytest.approx(OBSERVED_TIP, abs=0.015)
+    assert [1e3 * part for part in arm.pose(OBSERVED_JOINTS).position] == pytest.approx(
+        OBSERVED_TIP, abs=0.015
+    )
 
 
 def test_tool_is_learnt_from_joints_and_pose() -> None:

@@ -1,7 +1,7 @@
 """Client of the bridge with the emulated controller."""
 
 import math
-from typing import Any
+from typing import Any, TypeGuard
 
 import pytest
 from fanuc_desk import START, Pair
@@ -46,7 +46,7 @@ def commands(pair: Pair) -> list[Command]:
     return [packet for packet in packets if isinstance(packet, Command)]
 
 
-def _is_stream(piece: Any) -> bool:
+def _is_stream(piece: Any) -> TypeGuard[Piece]:
     return isinstance(piece, Piece) and piece.channel is Channel.STREAM
 
 
@@ -57,7 +57,8 @@ def steer(pair: Pair, offset_mm: tuple[float, float, float], seconds: float, tur
     for k in range(1, steps + 1):
         share = k / steps
         x, y, z = (
-            a + share * (b + o / 1e3 - a) for a, b, o in zip(start.position, HOME.position, offset_mm, strict=True)
+            a + share * (b + o / 1e3 - a)
+            for a, b, o in zip(start.position, HOME.position, offset_mm, strict=True)
         )
         turn = turn_about((0.0, 1.0, 0.0), math.radians(share * turn_deg))
         pair.goal = Pose((x, y, z), product(turn, HOME.quaternion))
@@ -78,8 +79,25 @@ def test_start_has_the_order_of_the_makers_client() -> None:
         if not steps or steps[-1] != step:
             steps.append(step)
     assert steps == [
-        *("FRC_Connect", "open 16002", "FRC_GetStatus", "STOP", "GET_CAPABILITY", "THRESHOLD", "SET_CAPABILITY"),
-        *("FRC_Abort", "FRC_Reset", "FRC_Initialize", "FRC_GetStatus", "GPIO", "FRC_Call", "START", "COMMAND"),
+        *(
+            "FRC_Connect",
+            "open 16002",
+            "FRC_GetStatus",
+            "STOP",
+            "GET_CAPABILITY",
+            "THRESHOLD",
+            "SET_CAPABILITY",
+        ),
+        *(
+            "FRC_Abort",
+            "FRC_Reset",
+            "FRC_Initialize",
+            "FRC_GetStatus",
+            "GPIO",
+            "FRC_Call",
+            "START",
+            "COMMAND",
+        ),
     ]
     assert sum(header_of(p.data).kind == Kind.THRESHOLD for p in pair.sent if _is_stream(p)) == 27
 
@@ -94,7 +112,9 @@ def test_commands_contain_joints_and_answer_each_report() -> None:
     is_moving = [command.moves for command in sent]
     assert is_moving == sorted(is_moving), "no motion before the controller is ready"
     ready = is_moving.index(True)
-    assert sent[ready].position == pytest.approx(sent[ready - 1].position, abs=1e-4), "from the present joints"
+    assert sent[ready].position == pytest.approx(sent[ready - 1].position, abs=1e-4), (
+        "from the present joints"
+    )
     assert pair.robot.server.counts["commands that answer no report"] == 0
 
 
@@ -202,7 +222,9 @@ def test_hanging_server_is_reported() -> None:
 
 
 def test_other_sampling_period_is_refused() -> None:
-    assert lost(Pair(FanucProfile(cycle_ms=4))).startswith("it samples every 4 ms, and robot.fanuc.cycle_ms is 8")
+    assert lost(Pair(FanucProfile(cycle_ms=4))).startswith(
+        "it samples every 4 ms, and robot.fanuc.cycle_ms is 8"
+    )
 
 
 def test_pendant_that_is_on_is_reported() -> None:
@@ -281,7 +303,9 @@ def test_lost_interface_ends_the_movement() -> None:
 def test_garbage_is_ignored() -> None:
     pair = started()
     count = len(pair.reports)
-    pair.client.receive((Piece(Channel.STREAM, b"x"), Piece(Channel.SESSION, b"nonsense\r\n{}\r\n")), pair.now)
+    pair.client.receive(
+        (Piece(Channel.STREAM, b"x"), Piece(Channel.SESSION, b"nonsense\r\n{}\r\n")), pair.now
+    )
     pair.run(0.08)
     assert len(pair.reports) == count + 10
 

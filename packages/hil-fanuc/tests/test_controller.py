@@ -1,9 +1,10 @@
 """Emulated controller, packet by packet. Observed behaviour: airo-ugent/airo-fanuc, docs/controller-notes.md."""
 
+import itertools
 import math
 
 import pytest
-from fanuc_desk import START, T0, Desk
+from fanuc_desk import Desk, alarms, started
 from hil_fanuc.packets import (
     CARTESIAN,
     JOINTS,
@@ -20,24 +21,11 @@ from hil_fanuc.packets import (
     nine,
 )
 from hil_fanuc.profile import FanucProfile
-from hil_fanuc.rmi_server import Connection, Door
 
 from emulators.orders import Act
 from protocol.arm_size import PerAxis
-from protocol.geometry import angles_of
 
 OLD = FanucProfile(refusals="alarm")
-
-
-def alarms(desk: Desk) -> list[str]:
-    """Return the numbers of the active alarms."""
-    return [text.split(" ")[0] for text in desk.robot.program.alarms.active]
-
-
-def started(profile: FanucProfile | None = None) -> Desk:
-    desk = Desk(profile)
-    desk.begin()
-    return desk
 
 
 # --- session
@@ -51,7 +39,7 @@ def test_reports_begin_with_start_and_end_with_stop() -> None:
     desk.wait(0.4)
     reports = desk.reports
     assert [report.sequence for report in reports] == list(range(1, 51))
-    assert {round(b.time_s - a.time_s, 6) for a, b in zip(reports, reports[1:], strict=False)} == {0.008}
+    assert {round(b.time_s - a.time_s, 6) for a, b in itertools.pairwise(reports)} == {0.008}
     assert not any(report.status & Status.READY for report in reports), "its TP program was not called"
     desk.signal(Kind.STOP)
     desk.wait(0.1)
@@ -250,8 +238,8 @@ def test_smoothed_step_keeps_the_limits() -> None:
         desk.command(joints)
         desk.tick()
         positions.append(desk.robot.motion.set_point[0])
-    speeds = [(b - a) / 0.008 for a, b in zip(positions, positions[1:], strict=False)]
-    gains = [(b - a) / 0.008 for a, b in zip(speeds, speeds[1:], strict=False)]
+    speeds = [(b - a) / 0.008 for a, b in itertools.pairwise(positions)]
+    gains = [(b - a) / 0.008 for a, b in itertools.pairwise(speeds)]
     assert max(speeds) <= 120.0
     assert max(map(abs, gains)) <= 265.0 + 1e-6
 
@@ -275,7 +263,9 @@ def test_joints_with_data_style_0_are_read_as_a_pose() -> None:
         desk.command(joints, CARTESIAN)
         desk.tick()
     assert math.dist(desk.robot.path.pose.position, before) > 0.9, "the arm has left"  # type: ignore[attr-defined]
-    fastest = max(abs(b - a) for a, b in zip(*(one.joints for one in desk.reports[-60:-58]), strict=True)) / 0.008
+    fastest = (
+        max(abs(b - a) for a, b in zip(*(one.joints for one in desk.reports[-60:-58]), strict=True)) / 0.008
+    )
     assert fastest > 50.0, "degrees/s"
 
 
@@ -310,9 +300,7 @@ def test_old_software_refuses_a_pose_that_is_far() -> None:
 # --- silence
 
 
-@pytest.mark.parametrize(
-    ("speed", "ready_s", "overrun"), [(49.9, 0.071, 4.63), (15.3, 0.121, 2.10)]
-)
+@pytest.mark.parametrize(("speed", "ready_s", "overrun"), [(49.9, 0.071, 4.63), (15.3, 0.121, 2.10)])
 def test_silence_lets_the_arm_coast(speed: float, ready_s: float, overrun: float) -> None:
     desk = started()
     desk.move(5, speed, 1.5)
@@ -361,7 +349,7 @@ def test_emergency_stop_arrives_in_stages() -> None:
         report = desk.report
         stages[round(desk.now - at, 3)] = (report.robot_status, bool(report.status & Status.READY))
     times = sorted(stages)
-    changes = [(time, stages[time]) for time, before in zip(times[1:], times, strict=False) if stages[time] != stages[before]]
+    changes = [(b, stages[b]) for a, b in itertools.pairwise(times) if stages[a] != stages[b]]
     assert stages[times[0]] == (1, True)
     assert [stage for _, stage in changes] == [(1, False), (5, False)]
     assert [time for time, _ in changes] == pytest.approx([0.3, 0.5], abs=0.01)
@@ -429,100 +417,6 @@ def test_pendant_that_is_on_stops_the_program() -> None:
     assert (desk.report.robot_status, desk.report.status & Status.READY) == (2, 0)
     assert desk.ask({"Command": "FRC_GetStatus"})["TPMode"] == 1
     assert desk.ask({"Command": "FRC_Initialize"})["ErrorID"] == 2556943
-
-
-# --- Remote Motion Interface
-
-
-def test_door_names_the_port_of_the_session() -> None:
-    desk = Desk()
-    for name in ("FRC_Connect", "FRC_Connect_STMO"):
-        door = Door(desk.robot.interface)
-        door.receive(f'{{"Communication": "{name}"}}\r\n'.encode(), T0)
-        assert door.data_to_send(T0) == (
-            b'{"Communication":"' + name.encode() + b'","ErrorID":0,"PortNumber":16002,'
-            b'"MajorVersion":9,"MinorVersion":0}\r\n'
-        )
-
-
-@pytest.mark.parametrize(("disconnects", "free_s"), [(True, 2.7), (False, 0.2)])
-def test_second_client_is_answered_once_the_first_has_left(disconnects: bool, free_s: float) -> None:
-    desk = Desk()
-    other = Connection(desk.robot.interface, desk.now)
-    line = b'{"Command": "FRC_GetStatus"}\r\n'
-
-    def answered() -> bool:
-        other.receive(line, desk.now)
-        desk.tick(10)
-        other.handle_deadline(desk.now)
-        return bool(other.data_to_send(desk.now))
-
-    assert not answered()
-    if disconnects:
-        assert desk.ask({"Communication": "FRC_Disconnect"})["ErrorID"] == 0
-        assert desk.session.closing
-    left = desk.now
-    desk.session.close(desk.now)
-    desk.wait(max(free_s - 0.1, 0.0))
-    assert not answered() or desk.now >= left + free_s
-    desk.wait(0.2)
-    assert answered()
-
-
-def test_rmi_joints_and_position_are_those_of_the_pendant() -> None:
-    desk = Desk()
-    a, b, c, d, e, f = desk.robot.motion.joints
-    answer = desk.ask({"Command": "FRC_ReadJointAngles"})["JointAngle"]
-    assert list(answer.values())[:6] == [round(q, 3) for q in (a, b, c - b, d, e, f)]
-    x, y, z = START.position
-    r, p, w = angles_of(START.quaternion)
-    position = desk.ask({"Command": "FRC_ReadCartesianPosition"})["Position"]
-    expected = (1e3 * x, 1e3 * y, 1e3 * z - 245.0, w, p, r)
-    assert list(position.values())[:6] == pytest.approx(expected, abs=1e-3)
-
-
-def test_alarm_is_pushed_and_can_be_read() -> None:
-    desk = started()
-    desk.signal(Kind.START)
-    desk.tick()
-    assert {"Communication": "FRC_SystemFault", "SequenceID": 2} in desk.messages
-    answer = desk.ask({"Command": "FRC_ReadError", "Count": 5})
-    assert (answer["Count"], answer["ErrorData"]) == (1, "MOTN-607 Start packet without a stop packet")
-
-
-@pytest.mark.parametrize(
-    ("line", "error"),
-    [
-        (b"nonsense\r\n", 2556941),
-        (b'{"Command": "FRC_Nothing"}\r\n', 2556941),
-        (b"[1, 2]\r\n", 2556941),
-        (b'{"Instruction": "FRC_Call", "SequenceID": 1, "ProgramName": "X"}\r\n', 2556981),
-        (b'{"Instruction": "FRC_Call", "SequenceID": 3, "ProgramName": "STREAM_MOTN"}\r\n', 2556957),
-        (b'{"Instruction": "FRC_Call", "SequenceID": 1, "ProgramName": "STREAM_MOTN"}\r\n', 2556937),
-        (b'{"Instruction": "FRC_JointMotion", "SequenceID": 1}\r\n', 2556948),
-    ],
-)
-def test_line_that_cannot_be_carried_out_is_refused(line: bytes, error: int) -> None:
-    desk = Desk()
-    desk.session.receive(line, desk.now)
-    desk.wait(0.1)
-    assert [message["ErrorID"] for message in desk.messages] == [error]
-
-
-def test_call_with_a_number_that_was_used_is_dropped() -> None:
-    desk = started()
-    count = len(desk.messages)
-    call = b'{"Instruction":"FRC_Call","SequenceID":1,"ProgramName":"STREAM_MOTN"}\r\n'
-    desk.session.receive(call, desk.now)
-    desk.wait(0.3)
-    assert desk.messages[count:] == []
-
-
-def test_idle_connection_is_ended_after_an_hour() -> None:
-    desk = Desk(FanucProfile(rmi_idle_min=0.01))
-    desk.wait(0.7)
-    assert desk.messages == [{"Communication": "FRC_Terminate"}]
-    assert desk.session.closing
 
 
 # --- versions
