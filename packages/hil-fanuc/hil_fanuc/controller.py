@@ -30,7 +30,7 @@ from hil_fanuc.packets import (
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from hil_fanuc.reporter import Reporter
-from hil_fanuc.rmi_server import Interface
+from hil_fanuc.rmi_interface import Interface
 from hil_fanuc.set_points import SetPoints
 from hil_fanuc.stiffness import JOINT_STIFFNESS, MODES
 from hil_fanuc.stream_server import StreamServer

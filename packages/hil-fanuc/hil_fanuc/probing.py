@@ -19,7 +19,7 @@ from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.packets import Limit, decode_to_client
 from hil_fanuc.requests import Failed, Request, Script
 from hil_fanuc.settings import FanucSettings
-from hil_fanuc.startup import Controller, Startup
+from hil_fanuc.startup import TEST_MODES, Controller, Startup
 from hil_fanuc.wires import connect_wires
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.outbox import Mailbox
@@ -172,7 +172,7 @@ def _rows(prober: Prober, client: FanucSettings) -> list[tuple[str, str]]:
 def _refusals(prober: Prober) -> list[Trouble]:
     found = [prober.failure] if prober.failure else []
     status = prober.answers.get("FRC_GetStatus", {})
-    if status.get("TPMode") == 1:
+    if status.get("TPMode") in TEST_MODES:
         found.append(
             Trouble("its teach pendant is on, or it is not in AUTO", "select AUTO, switch the pendant off")
         )

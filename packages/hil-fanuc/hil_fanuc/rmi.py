@@ -19,6 +19,8 @@ STREAM_PROGRAM = "STREAM_MOTN"
 LINE_MAX = 4096
 """Largest length of a line, bytes. Chosen."""
 END = b"\r\n"
+CONNECT = "FRC_Connect_STMO"
+"""Request at the first door. Derived from the maker's client, and observed; FRC_Connect is that of R912 alone."""
 
 Message: TypeAlias = dict[str, Any]
 

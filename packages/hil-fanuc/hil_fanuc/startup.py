@@ -33,6 +33,8 @@ FIRST_VERSION = 3
 _PAUSE_S = 0.05
 """Pause after a packet without an answer, s. Chosen."""
 _AXES = 9
+TEST_MODES = 1, 3
+"""Values of TPMode for T1 and T2. Observed: a controller in AUTO reports 0, others 2."""
 _SENSORS: Mapping[str, int] = {"built-in": 1, "external": 2}
 _OTHER_CLIENT = Trouble(
     "the second connection of its Remote Motion Interface does not answer: another client holds it",
@@ -82,10 +84,10 @@ class Startup:
     def connect(self) -> Script:
         """Open both connections of the Remote Motion Interface."""
         requests = self.requests
-        answer = yield from requests.line({"Communication": "FRC_Connect"}, Channel.DOOR)
+        answer = yield from requests.line({"Communication": rmi.CONNECT}, Channel.DOOR)
         if number := error_of(answer):
             raise Failed(
-                Trouble(f"it refuses FRC_Connect: {rmi.describe_error(number)}", _OTHER_CLIENT.remedy)
+                Trouble(f"it refuses {rmi.CONNECT}: {rmi.describe_error(number)}", _OTHER_CLIENT.remedy)
             )
         self.controller.rmi_version = f"{answer.get('MajorVersion', '?')}.{answer.get('MinorVersion', '?')}"
         session = OpenSession(number_of(answer, "PortNumber"))
@@ -136,7 +138,7 @@ class Startup:
 
     def _initialize(self) -> Script:
         requests, controller = self.requests, self.controller
-        if controller.status.get("TPMode") == 1:
+        if controller.status.get("TPMode") in TEST_MODES:
             raise Failed(Trouble("its teach pendant is on, or it is not in AUTO", _TO_AUTO))
         yield from requests.line({"Command": "FRC_Abort"})
         yield from requests.done({"Command": "FRC_Reset"}, _TO_AUTO)

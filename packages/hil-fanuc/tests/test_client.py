@@ -80,7 +80,7 @@ def test_start_has_the_order_of_the_makers_client() -> None:
             steps.append(step)
     assert steps == [
         *(
-            "FRC_Connect",
+            "FRC_Connect_STMO",
             "open 16002",
             "FRC_GetStatus",
             "STOP",
