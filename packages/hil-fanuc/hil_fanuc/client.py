@@ -228,7 +228,7 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         self._out.append(Piece(Channel.SESSION, rmi.encode({"Command": "FRC_ReadError", "Count": 1})))
 
     def _handle_end(self, ended: Ended, now: float) -> None:
-        if self._lost or (ended.channel is Channel.DOOR and self._startup.controller.status):
+        if self._lost or (ended.channel is Channel.DOOR and self._startup.controller.has_port):
             return
         self._fail(
             Trouble(

@@ -62,6 +62,8 @@ class Prober(Mailbox[Piece | OpenSession, Done]):
     def receive(self, data: Pieces, now: float) -> None:
         for piece in data:
             if isinstance(piece, Ended) and self._request is not None:
+                if piece.channel is Channel.DOOR and self.controller.has_port:
+                    continue
                 self._finish(Trouble(f"its Remote Motion Interface has ended the connection: {piece.text}"))
             elif isinstance(piece, Piece):
                 for answer in self._answers(piece):

@@ -53,6 +53,8 @@ class Controller:
     max_speed_mm_s: int = 0
     thresholds: dict[tuple[int, int], Threshold] = field(default_factory=dict)
     rmi_version: str = ""
+    has_port: bool = False
+    """Whether the first door has named the port of the session. The controller may then close the door."""
     status: rmi.Message = field(default_factory=dict)
     """Newest answer to FRC_GetStatus."""
     streams: bool = False
@@ -90,6 +92,7 @@ class Startup:
                 Trouble(f"it refuses {rmi.CONNECT}: {rmi.describe_error(number)}", _OTHER_CLIENT.remedy)
             )
         self.controller.rmi_version = f"{answer.get('MajorVersion', '?')}.{answer.get('MinorVersion', '?')}"
+        self.controller.has_port = True
         session = OpenSession(number_of(answer, "PortNumber"))
         status = yield from requests.line({"Command": "FRC_GetStatus"}, first=(session,), late=_OTHER_CLIENT)
         self.controller.status = status

@@ -300,6 +300,14 @@ def test_lost_interface_ends_the_movement() -> None:
     assert "the connection to its Remote Motion Interface has ended: the peer closed" in event.text
 
 
+def test_door_may_close_once_it_has_named_the_port() -> None:
+    pair = Pair()
+    pair.run(0.001)
+    pair.client.receive((Ended(Channel.DOOR, "the peer closed"),), pair.now)
+    pair.run(3.0)
+    assert pair.reports[-1].fault == ""
+
+
 def test_garbage_is_ignored() -> None:
     pair = started()
     count = len(pair.reports)
