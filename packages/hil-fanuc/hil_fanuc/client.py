@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hil_fanuc import rmi
-from hil_fanuc.arms import FanucArm, Joints, straight_tool, tool_of
+from hil_fanuc.arms import FanucArm, Joints, from_pendant, straight_tool, to_pendant, tool_of
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.limits import AxisLimits, LimitTable
 from hil_fanuc.numbering import Numbering
@@ -256,9 +256,7 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
 
     def _follow(self, report: Report) -> None:
         """Take over the joints of a controller that is not ready, and note the change of its state."""
-        a, b, c, d, e, f = report.joints[:6]
-        joints: Joints = (a, b, c, d, e, f)
-        stream = self._stream
+        joints, stream = self._joints_of(report), self._stream
         if stream is None:
             self._begin_stream(report)
             return
@@ -292,6 +290,12 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
             ReportReceived(RobotReport(number, base, sent_at, at, trouble.fact, (), force, trouble.remedy))
         )
 
+    def _joints_of(self, report: Report) -> Joints:
+        """Return the reported joints, with J3 against the upper arm."""
+        a, b, c, d, e, f = report.joints[:6]
+        joints = a, b, c, d, e, f
+        return from_pendant(joints) if self._settings.stream_j3 == "horizon" else joints
+
     def _pose_of(self, report: Report) -> Pose | None:
         """Return the reported pose in the world frame; None if it is not a number."""
         x, y, z, w, p, r = report.pose[:6]
@@ -305,19 +309,19 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
 
     def _misfit(self, report: Report, pose: Pose | None) -> Trouble:
         """Learn the tool from the first report, and compare joints and pose of each further one."""
-        a, b, c, d, e, f = report.joints[:6]
-        if pose is None or not is_finite(report.joints[:6]):
+        joints = self._joints_of(report)
+        if pose is None or not is_finite(joints):
             return NO_TROUBLE
         settings = self._settings
         if self._arm is None:
             plain = FanucArm(settings.model, straight_tool(0.0), settings.world_height_mm)
-            tool = tool_of(plain, (a, b, c, d, e, f), pose)
+            tool = tool_of(plain, joints, pose)
             if math.hypot(*tool.position) > TOOL_MAX_M:
                 return self._wrong_arm()
             self._arm = FanucArm(settings.model, tool, settings.world_height_mm)
             if self._stream is not None:
-                self._stream.limiter = PathLimiter(self._arm, (a, b, c, d, e, f), settings.cycle_s)
-        expected, base = self._arm.pose((a, b, c, d, e, f)), self._in_base(pose)
+                self._stream.limiter = PathLimiter(self._arm, joints, settings.cycle_s)
+        expected, base = self._arm.pose(joints), self._in_base(pose)
         apart = math.dist(expected.position, base.position)
         if apart > FIT_M or angle_between(expected.quaternion, base.quaternion) > FIT_RAD:
             return self._wrong_arm()
@@ -351,7 +355,10 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
             return Command(version, report.sequence, report.joints, JOINTS, moves=False)
         if not stream.limiter.step(self._limits(stream, stream.limiter.speed)):
             self._notice("joints", "the arm cannot reach a set point: it stays at the last one")
-        return Command(version, report.sequence, (*stream.limiter.joints, *stream.external), JOINTS)
+        joints = stream.limiter.joints
+        if self._settings.stream_j3 == "horizon":
+            joints = to_pendant(joints)
+        return Command(version, report.sequence, (*joints, *stream.external), JOINTS)
 
     def _limits(self, stream: _Stream, speed: float) -> tuple[AxisLimits, ...]:
         """Return the limits of the joints at a speed of the tool, m/s."""

@@ -15,10 +15,12 @@ from emulators.seams import ArmPath, ContactSource, Handlers, StartPose
 from emulators.seams import Joints as Radians
 from hil_fanuc import alarms
 from hil_fanuc.alarms import BY_ORDER, Alarms
-from hil_fanuc.arms import Joints
+from hil_fanuc.arms import Joints, from_pendant
 from hil_fanuc.motion import Motion
 from hil_fanuc.order_reader import OrderReader
 from hil_fanuc.packets import (
+    CARTESIAN,
+    Command,
     ContactStop,
     Kind,
     Signal,
@@ -26,6 +28,7 @@ from hil_fanuc.packets import (
     encode_to_client,
     header_of,
     is_known,
+    nine,
 )
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
@@ -61,6 +64,7 @@ class FanucController:
         self.begun_at = self.motion.path.begun_at
         self.reporter = Reporter(profile, self.motion, self.program, self.server, seed)
         self.reporter.begin(now)
+        self.server.command_position = self.reporter.set_point
         self._reader = OrderReader(profile, self.motion, self.server)
         self.interface = Interface(self)
         self.unmodelled = self.server.unmodelled
@@ -143,6 +147,8 @@ class FanucController:
             try:
                 packet = decode_to_robot(datagram)
                 self._check_known(datagram)
+                if self.profile.stream_j3 == "horizon" and isinstance(packet, Command):
+                    packet = in_stream(packet)
             except RemoteProtocolError as error:
                 self.server.counts["packets that cannot be read"] += 1
                 self.tell(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
@@ -283,3 +289,11 @@ class FanucController:
         self.reporter.shift_clock(injection.number("ms") / 1e3)
         injection.strike(injection.injected_at)
         injection.finish(injection.injected_at)
+
+
+def in_stream(command: Command) -> Command:
+    """Convert a command whose J3 is measured against the horizon."""
+    if command.data_style == CARTESIAN:
+        return command
+    a, b, c, d, e, f = command.position[:6]
+    return command._replace(position=nine(from_pendant((a, b, c, d, e, f))))

@@ -1,8 +1,9 @@
 """Packets of Stream Motion: big-endian, without gaps.
 
-Sources: FANUC-CORPORATION/fanuc_driver, fanuc_libs/stream_motion (versions 3 and 4); a dissector and `fanuc-ucl`
-(versions 1 and 2). The number of bytes 14 and 15 of a command is the data style, although the first source calls it
-unused: with 0, the controller reads the nine numbers as a pose (observed: airo-ugent/airo-fanuc).
+Sources: FANUC-CORPORATION/fanuc_driver, fanuc_libs/stream_motion (versions 3 and 4); a dissector and
+valstad-shipworks/fanuc_ucl (versions 1 and 2). The number in bytes 14 and 15 of a command is the data style, although
+the first source calls it unused: with 0, the controller reads the nine numbers as a pose (observed:
+airo-ugent/airo-fanuc).
 """
 
 import math
@@ -38,7 +39,9 @@ class Kind(IntEnum):
     COMMAND_V1 = 1
     STOP = 2
     THRESHOLD = 3
+    COMMAND_POSITION = 4
     COMMAND_V2 = 5
+    VERSION = 6
     GET_CAPABILITY = 7
     SET_CAPABILITY = 8
     START = 200
@@ -188,10 +191,21 @@ class GpioResult(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """Packet without contents: start or stop."""
+    """Packet without contents: start, stop, or a request of versions 1 and 2. The answer to `VERSION` has the version
+    of the controller.
+    """
 
     kind: int
     version: int
+
+
+class CommandPosition(NamedTuple):
+    """Newest set point of the controller."""
+
+    version: int
+    time_s: float
+    pose: Nine
+    joints: Nine
 
 
 class GpioRequest(NamedTuple):
@@ -202,11 +216,12 @@ class GpioRequest(NamedTuple):
 
 
 ToRobot: TypeAlias = Signal | Command | ThresholdRequest | Capability | ForceSensor | GpioRequest
-ToClient: TypeAlias = Report | Threshold | Capability | GpioResult
+ToClient: TypeAlias = Report | Threshold | Capability | GpioResult | CommandPosition | Signal
 
 _HEADER = struct.Struct(">II")
 _COMMAND = struct.Struct(f">IIIBBH{AXES}d{IO_BYTES}x")
-_COMMAND_V1, _COMMAND_V2 = struct.Struct(f">IIIBBHHBBHHHH{AXES}f"), struct.Struct(f">IIIBBHHBBHHHH{AXES}d")
+_COMMAND_V1, _COMMAND_V2 = struct.Struct(f">IIIBBHHBBHHHH{AXES}f"), struct.Struct(f">IIIBBHHBBHHHH4x{AXES}d")
+_COMMAND_POSITION = struct.Struct(f">III{AXES}f{AXES}f")
 _REPORT_V1 = struct.Struct(f">IIIBBHHHI{AXES}f{AXES}f{AXES}f")
 _REPORT = struct.Struct(f">IIIBBBxI{AXES}f{AXES}f{AXES}ff{IO_BYTES}x")
 _REPORT_V4 = struct.Struct(f">IIIBBBxI{AXES}f{AXES}f{AXES}ff6fI{IO_BYTES}x")
@@ -228,6 +243,8 @@ _TO_ROBOT = {
     Kind.START_V1: _Layout("start", _HEADER.size),
     Kind.COMMAND_V1: _Layout("command", _COMMAND_V1.size),
     Kind.COMMAND_V2: _Layout("command", _COMMAND_V2.size),
+    Kind.COMMAND_POSITION: _Layout("request of the set point", _HEADER.size),
+    Kind.VERSION: _Layout("request of the version", _HEADER.size),
     Kind.STOP: _Layout("stop", _HEADER.size),
     Kind.THRESHOLD: _Layout("threshold request", _FOUR.size),
     Kind.GET_CAPABILITY: _Layout("capability request", _CAPABILITY.size),
@@ -239,6 +256,8 @@ _TO_ROBOT = {
 }
 _TO_CLIENT = {
     Kind.START_V1: _Layout("report", _REPORT_V1.size),
+    Kind.COMMAND_POSITION: _Layout("set point", _COMMAND_POSITION.size),
+    Kind.VERSION: _Layout("version", _HEADER.size),
     Kind.THRESHOLD: _Layout("thresholds", _THRESHOLD.size),
     Kind.GET_CAPABILITY: _Layout("capability", _CAPABILITY.size),
     Kind.SET_CAPABILITY: _Layout("capability", _CAPABILITY.size),
@@ -248,19 +267,18 @@ _TO_CLIENT = {
 }
 
 
-_OLD = frozenset((Kind.START_V1, Kind.COMMAND_V1, Kind.COMMAND_V2))
 _NEW = frozenset(
     (Kind.GET_CAPABILITY, Kind.SET_CAPABILITY, Kind.START, Kind.COMMAND, Kind.GPIO, Kind.FORCE_SENSOR)
 )
 
 
 def is_known(kind: int, version: int) -> bool:
-    """Return whether a controller of this version knows packets of a type. Assumed: a newer one does not know those of
-    versions 1 and 2.
+    """Return whether a controller of this version knows packets of a type. Assumed: a newer one knows those of versions
+    1 and 2 too.
     """
-    if kind == Kind.COMMAND_V2:
-        return version == 2
-    return kind not in (_NEW if version < 3 else _OLD)
+    if kind in (Kind.COMMAND_V2, Kind.COMMAND_POSITION, Kind.VERSION):
+        return version >= 2
+    return version >= 3 or kind not in _NEW
 
 
 def header_of(data: bytes) -> Header:
@@ -284,7 +302,7 @@ def _check(data: bytes, layouts: dict[Kind, _Layout]) -> int:
 def decode_to_robot(data: bytes) -> ToRobot:
     """Decode a packet of a client. Raises RemoteProtocolError if it is invalid."""
     match kind := _check(data, _TO_ROBOT):
-        case Kind.START_V1 | Kind.START | Kind.STOP:
+        case Kind.START_V1 | Kind.START | Kind.STOP | Kind.COMMAND_POSITION | Kind.VERSION:
             return Signal(*_HEADER.unpack(data))
         case Kind.COMMAND:
             _, version, sequence, last, moves, style, *position = _COMMAND.unpack(data)
@@ -331,7 +349,7 @@ def _encode_command(command: Command) -> bytes:
         return _COMMAND.pack(Kind.COMMAND, version, sequence, last, moves, style, *position)
     kind, layout = (Kind.COMMAND_V1, _COMMAND_V1) if version == 1 else (Kind.COMMAND_V2, _COMMAND_V2)
     style = min(style, 1)
-    return layout.pack(kind, version, sequence, last, 0, 0, 0, style, 0, 0, 0, 0, 0, *position)
+    return layout.pack(kind, version, sequence, last, 0, 0, 0, style, 0, 0, 0, 0, 0xFFFF, *position)
 
 
 def decode_to_client(data: bytes) -> ToClient:
@@ -353,6 +371,11 @@ def decode_to_client(data: bytes) -> ToClient:
             )
         case Kind.GPIO:
             return GpioResult(*_GPIO_RESULT.unpack(data)[1:])
+        case Kind.VERSION:
+            return Signal(*_HEADER.unpack(data))
+        case Kind.COMMAND_POSITION:
+            _, version, stamp, *values = _COMMAND_POSITION.unpack(data)
+            return CommandPosition(version, stamp / 1e3, tuple(values[:AXES]), tuple(values[AXES:]))
         case _:
             return Capability(*_CAPABILITY.unpack(data))
 
@@ -384,6 +407,11 @@ def encode_to_client(packet: ToClient) -> bytes:
             return _CAPABILITY.pack(*packet)
         case GpioResult():
             return _GPIO_RESULT.pack(Kind.GPIO, *packet)
+        case Signal():
+            return _HEADER.pack(*packet)
+        case CommandPosition(version, time_s, pose, joints):
+            stamp = round(time_s * 1e3) & 0xFFFFFFFF
+            return _COMMAND_POSITION.pack(Kind.COMMAND_POSITION, version, stamp, *pose, *joints)
 
 
 def _encode_report(report: Report) -> bytes:

@@ -39,6 +39,11 @@ class FanucProfile:
         at_least(0.0),
         unit="ms",
     )
+    stream_j3: Literal["upper arm", "horizon"] = setting(
+        "upper arm",
+        Mark.OBSERVED,
+        "reference of J3 in packets; a client for versions 1 and 2 expects the horizon",
+    )
     packet_stack: int = setting(
         10,
         Mark.ASSUMED,

@@ -7,9 +7,11 @@ import numpy as np
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.arm.reported_pose import ReportedPose
 from emulators.faults.own import OwnFaults
+from hil_fanuc.arms import Joints, to_pendant
 from hil_fanuc.motion import Motion
 from hil_fanuc.packets import (
     NO_SENSOR,
+    CommandPosition,
     ContactStop,
     Nine,
     Report,
@@ -73,11 +75,11 @@ class Reporter:
         motion, program, server = self._motion, self._program, self._server
         joints, pose = motion.joints, motion.path.pose
         reported = self.pose.told(pose, now) if self.pose.wrong else pose
-        numbers, angles = self._numbers(reported), nine(joints)
+        numbers, angles = self._numbers(reported), self._told(joints)
         if reported is None or math.isnan(reported.position[0]):
-            angles = _NO_NUMBERS if reported is None else nine(joints)
+            angles = _NO_NUMBERS if reported is None else self._told(joints)
         elif reported != pose:
-            angles = nine(motion.arm.nearest(reported, joints) or joints)
+            angles = self._told(motion.arm.nearest(reported, joints) or joints)
         status = Status.SYSTEM_READY if program.servo_on else Status(0)
         status |= Status.READY if program.is_ready(now) else Status(0)
         status |= Status.RECEIVED if server.received else Status(0)
@@ -97,6 +99,19 @@ class Reporter:
             wrench=self._wrench(pose, fastest > self._profile.in_motion_deg_s, now),
             sensor=server.sensor if server.has_sensor or not server.sensor else NO_SENSOR,
         )
+
+    def set_point(self, now: float) -> CommandPosition:
+        """Return the newest set point."""
+        motion = self._motion
+        joints = motion.set_point
+        pose = self._numbers(motion.arm.pose(joints))
+        return CommandPosition(
+            self._server.version, now - self._clock_begin + self._shift_s, pose, self._told(joints)
+        )
+
+    def _told(self, joints: Joints) -> Nine:
+        """Return joints as packets contain them."""
+        return nine(to_pendant(joints) if self._profile.stream_j3 == "horizon" else joints)
 
     def _robot_status(self, now: float) -> int:
         program = self._program

@@ -39,6 +39,11 @@ class FanucSettings:
         "world frame. By the model: above its mounting face",
         unit="mm",
     )
+    stream_j3: Literal["upper arm", "horizon"] = setting(
+        "upper arm",
+        Mark.OBSERVED,
+        "reference of J3 in packets: observed in version 3; a client for versions 1 and 2 expects the horizon",
+    )
     program: str = setting(STREAM_PROGRAM, Mark.OBSERVED, "TP program that begins the streaming")
     reports: Literal["tcp", "face plate"] = setting(
         "tcp", Mark.CHOSEN, "point that the controller is asked to report, and that a run guides"

@@ -10,6 +10,7 @@ from hil_fanuc.packets import (
     THRESHOLDS,
     Capability,
     Command,
+    CommandPosition,
     ForceSensor,
     GpioRequest,
     GpioResult,
@@ -21,11 +22,14 @@ from hil_fanuc.packets import (
     ToClient,
     ToRobot,
     encode_to_client,
+    nine,
 )
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from protocol.datagram import Datagram
 
+OLD_VERSION = 2
+"""Newest version of a session that begins with the start packet of version 1."""
 OFFERS_CAPABILITY = 3
 """First version with a capability, an assignment of I/O, and data styles of two bytes."""
 HAS_FORCE = 4
@@ -52,6 +56,8 @@ class StreamServer:
         self.reports_tcp = False
         self.sensor = 0
         """Selected force sensor; 0: none."""
+        self.command_position: Callable[[float], CommandPosition] = _no_position
+        """Function that returns the newest set point at a time, s."""
         self.zeroes = 0
         """Number of resets of the force."""
         self.buffer: deque[Command] = deque(maxlen=profile.packet_stack)
@@ -93,7 +99,11 @@ class StreamServer:
                 self._choose_sensor(packet, now)
 
     def _signal(self, kind: int, version: int, side: Hashable, now: float) -> None:
-        if kind == Kind.STOP:
+        if kind == Kind.VERSION:
+            self._answer(Signal(Kind.VERSION, self._profile.version), side)
+        elif kind == Kind.COMMAND_POSITION:
+            self._answer(self.command_position(now), side)
+        elif kind == Kind.STOP:
             self.counts["stops"] += 1
             is_own = side == self.peer
             self.counts["stops by a stranger"] += self.is_open and not is_own
@@ -101,7 +111,8 @@ class StreamServer:
             self.end(now)
         elif not self.is_open:
             self.counts["sessions"] += 1
-            self.is_open, self.peer, self.version = True, side, min(version, self._profile.version)
+            newest = OLD_VERSION if kind == Kind.START_V1 else self._profile.version
+            self.is_open, self.peer, self.version = True, side, min(version, newest, self._profile.version)
             self.sequence, self._answered, self.has_last, self.sensor = 0, -1, False, 0
             self.buffer.clear()
             self._program.start_stream(now)
@@ -185,3 +196,8 @@ class StreamServer:
 
     def _answer(self, packet: ToClient, side: Hashable) -> None:
         self._out.append(Datagram(encode_to_client(packet), side=side))
+
+
+def _no_position(now: float) -> CommandPosition:
+    """Return a set point of zeros, because there is no arm yet."""
+    return CommandPosition(0, 0.0, nine(()), nine(()))

@@ -183,6 +183,15 @@ def test_client_drives_each_version(version: Any) -> None:
     assert {header_of(p.data).version for p in pair.sent if _is_stream(p)} <= {3, version}
 
 
+@pytest.mark.parametrize("j3", ["upper arm", "horizon"])
+def test_reference_of_j3_is_that_of_the_controller(j3: Any) -> None:
+    pair = started(FanucProfile(stream_j3=j3), FanucSettings(stream_j3=j3))
+    pair.client.begin(pair.reports[-1].pose)
+    steer(pair, (0.0, 0.0, -5.0), 0.5)
+    pair.run(0.5)
+    assert pair.robot.motion.path.pose.position == pytest.approx((0.9, -0.1, 0.595), abs=1e-6)
+
+
 def test_built_in_sensor_reports_the_force_in_the_base_frame() -> None:
     profile = FanucProfile(version=4, force_offset_n=0.0, force_noise_n=0.0)
     pair = Pair(profile, FanucSettings(sensor="built-in"))

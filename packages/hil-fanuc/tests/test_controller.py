@@ -10,6 +10,7 @@ from hil_fanuc.packets import (
     JOINTS,
     Capability,
     Command,
+    CommandPosition,
     ForceSensor,
     GpioRequest,
     GpioResult,
@@ -458,6 +459,31 @@ def test_signal_of_version_3_is_not_known_to_version_1() -> None:
     desk.send(Signal(Kind.START, 3))
     desk.wait(0.1)
     assert desk.packets == []
+
+
+def test_old_start_packet_begins_a_session_of_version_2() -> None:
+    """Such as fanuc_ucl sends it, with version 3."""
+    desk = Desk()
+    desk.send(Signal(Kind.VERSION, 3))
+    assert desk.packets == [Signal(Kind.VERSION, 3)]
+    desk.send(Signal(Kind.START_V1, 3))
+    desk.wait(0.1)
+    assert desk.report.version == 2
+    desk.send(Signal(Kind.COMMAND_POSITION, 3))
+    position = desk.packets[-1]
+    assert isinstance(position, CommandPosition)
+    assert position.joints[:6] == pytest.approx(desk.robot.motion.set_point, abs=1e-5)
+
+
+def test_j3_of_packets_can_be_that_of_the_pendant() -> None:
+    desk = started(FanucProfile(stream_j3="horizon"))
+    a, b, c, d, e, f = desk.robot.motion.joints
+    told = (a, b, c - b, d, e, f)
+    assert desk.report.joints[:6] == pytest.approx(told, abs=1e-5)
+    desk.command(told)
+    desk.tick()
+    assert desk.robot.motion.set_point == pytest.approx((a, b, c, d, e, f), abs=1e-9)
+    assert alarms(desk) == []
 
 
 def test_style_of_joints_is_any_number_but_0() -> None:

@@ -1,5 +1,6 @@
 """Packets of Stream Motion. Sizes and bytes: fanuc_libs/stream_motion of FANUC-CORPORATION/fanuc_driver (versions 3 and
-4), the golden packets of airo-ugent/airo-fanuc (version 3), a public dissector (version 1).
+4), the golden packets of airo-ugent/airo-fanuc (version 3), a public dissector and valstad-shipworks/fanuc_ucl (versions
+1 and 2).
 """
 
 import contextlib
@@ -12,6 +13,7 @@ from hil_fanuc.packets import (
     NO_SENSOR,
     Capability,
     Command,
+    CommandPosition,
     ForceSensor,
     GpioLine,
     GpioRequest,
@@ -47,11 +49,11 @@ TO_ROBOT = [
     (Command(3, 42, NINE, moves=False), "000000c9000000030000002a0000ffff4024000000000000c034"),
     (
         Command(1, 42, NINE, 1),
-        "00000001000000010000002a" + "00" + 5 * "00" + "01" + 9 * "00" + "41200000c1a00000",
+        "00000001000000010000002a" + 6 * "00" + "01" + 7 * "00" + "ffff" + "41200000c1a00000",
     ),
     (
         Command(2, 42, NINE, 1),
-        "00000005000000020000002a" + "00" + 5 * "00" + "01" + 9 * "00" + "4024000000000000",
+        "00000005000000020000002a" + 6 * "00" + "01" + 7 * "00" + "ffff" + 4 * "00" + "4024000000000000",
     ),
 ]
 
@@ -66,7 +68,7 @@ def test_packet_to_robot_has_these_bytes(packet, begin) -> None:
 SIZES = [
     (Signal(Kind.START, 3), 8),
     (Command(1, 1, NINE), 64),
-    (Command(2, 1, NINE), 100),
+    (Command(2, 1, NINE), 104),
     (Command(3, 1, NINE), 344),
     (Command(4, 1, NINE), 344),
     (GpioRequest(3, ()), 520),
@@ -87,6 +89,8 @@ def test_packet_to_robot_has_this_size(packet, size: int) -> None:
         (Threshold(3, 1, 0, 2000, 8, (120.0,) * 20, (60.0,) * 20), 184),
         (Capability(Kind.GET_CAPABILITY, 3, 1, 8, 0, 3, 0), 28),
         (GpioResult(2, 1), 12),
+        (Signal(Kind.VERSION, 3), 8),
+        (CommandPosition(2, 1.5, POSE, NINE), 84),
     ],
 )
 def test_packet_to_client_round_trip(packet, size: int) -> None:

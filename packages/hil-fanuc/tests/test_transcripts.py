@@ -1,7 +1,7 @@
 """Sessions of other programs, replayed to the emulated controller.
 
-A line is a time in s, a connection, the number of bytes, and the data: hexadecimal without trailing zeros for a datagram
-of Stream Motion, text for a line of the Remote Motion Interface.
+A line is a time in s, a connection, the number of bytes, and the data: hexadecimal without trailing zeros for a
+datagram of Stream Motion, text for a line of the Remote Motion Interface.
 """
 
 from pathlib import Path
@@ -23,8 +23,8 @@ FOLDER = Path(__file__).parent / "transcripts"
 class Replay:
     """Replayed session."""
 
-    def __init__(self, name: str) -> None:
-        self.robot = FanucController(FanucProfile(), START, T0, 7)
+    def __init__(self, name: str, profile: FanucProfile) -> None:
+        self.robot = FanucController(profile, START, T0, 7)
         self.orders: list[ReceivedOrder] = []
         self.robot.orders.listener = self.orders.append
         self.ends: dict[str, Door | Connection] = {}
@@ -76,7 +76,7 @@ class Replay:
 
 @pytest.fixture(scope="module")
 def airo() -> Replay:
-    return Replay("airo-fanuc.txt")
+    return Replay("airo-fanuc.txt", FanucProfile())
 
 
 def test_airo_fanuc_is_served(airo: Replay) -> None:
@@ -94,3 +94,13 @@ def test_airo_fanuc_moves_the_arm(airo: Replay) -> None:
     assert end[5] - start[5] == pytest.approx(4.0, abs=0.02)
     assert end[:5] == pytest.approx(start[:5], abs=1e-4)
     assert airo.robot.server.counts["commands that answer no report"] == 0
+
+
+def test_fanuc_ucl_moves_the_arm_in_version_2() -> None:
+    replay = Replay("fanuc-ucl.txt", FanucProfile(version=2, stream_j3="horizon"))
+    assert {(command.version, command.data_style) for command in replay.commands} == {(2, 1)}
+    assert not any(message.get("ErrorID") for message in replay.messages)
+    assert not replay.robot.program.alarms.newest
+    start, end = replay.reports[0].joints, replay.reports[-1].joints
+    assert end[5] - start[5] == pytest.approx(4.0, abs=1e-5)
+    assert end[:5] == pytest.approx(start[:5], abs=1e-4)
