@@ -13,6 +13,7 @@ from hil_fanuc.channels import Pieces
 from hil_fanuc.client import FanucClient
 from hil_fanuc.controller import FanucController
 from hil_fanuc.describe import describe
+from hil_fanuc.emulator_fit import match
 from hil_fanuc.facts import robot_facts
 from hil_fanuc.faults import FANUC_FAULTS
 from hil_fanuc.panel import FANUC_CONTROLS
@@ -73,7 +74,7 @@ ROBOT = RobotKind(
     FanucSettings,
     connect,
     facts,
-    RobotEmulation(FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS),
+    RobotEmulation(FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS, match=match),
     check=check,
     parse=_parse,
     describe=describe,

@@ -1,5 +1,5 @@
 """Packets of Stream Motion. Sizes and bytes: fanuc_libs/stream_motion of FANUC-CORPORATION/fanuc_driver (versions 3 and
-4), the golden packets of airo-ugent/airo-fanuc (version 3), a public dissector and valstad-shipworks/fanuc_ucl (versions
+4), golden packets of airo-ugent/airo-fanuc (version 3), a dissector and valstad-shipworks/fanuc_ucl (versions
 1 and 2).
 """
 
