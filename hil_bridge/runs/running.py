@@ -151,10 +151,10 @@ def _join_cell(run: Running, cell: Cell[Any, Any], after: AsyncExitStack) -> Non
     log.join(Listener({CycleRecord: faults.cycle, EventRecord: faults.event}))
     after.callback(faults.close)
 
-    def tell(thing: NotModelled) -> None:
+    def report(thing: NotModelled) -> None:
         log.tell(EventKind.NOT_MODELLED, str(thing), not_modelled=thing)
 
-    compose.follow_unmodelled(cell, tell)
+    compose.follow_unmodelled(cell, report)
 
 
 def run_end(result: RunResult, run: Running | None, facts: RobotFacts) -> RunEnd:

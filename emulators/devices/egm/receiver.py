@@ -93,8 +93,8 @@ class Receiver:
         if pose is not None and abs(math.hypot(*pose.quaternion) - 1.0) > self._profile.quat_tol:
             raise RemoteProtocolError("the quaternion is not a unit quaternion")
 
-    def read_order(self, datagram: bytes, now: float, taken: bool) -> ReceivedOrder:
-        """Return a message as an order, regardless of the state. `taken` states whether the robot acts on it now."""
+    def read_order(self, datagram: bytes, now: float, accepted: bool) -> ReceivedOrder:
+        """Return a message as an order, regardless of the state. `accepted` states whether the robot acts on it now."""
         try:
             message = decode_answer(datagram)
             if other := self._other_mode(message):
@@ -104,7 +104,7 @@ class Receiver:
         except RemoteProtocolError as error:
             return ReceivedOrder(now, Act.UNREADABLE, str(error), False)
         order = ReceivedOrder(
-            now, Act.MOTION, "speed", taken, reach=self._reach, breach=self._breach_of(message)
+            now, Act.MOTION, "speed", accepted, reach=self._reach, breach=self._breach_of(message)
         )
         if isinstance(message, PathCorrection):
             return order._replace(words="path correction", moves=any(message.offset_mm), reach=None)

@@ -290,9 +290,9 @@ def _error(at: Pose, pose: Pose) -> tuple[float, ...]:
 def _stepped(joints: Joints, jacobian: np.ndarray, error: tuple[float, ...]) -> Joints:
     """Return the joints after one damped iteration of Newton's method."""
     weights = np.array([1.0, 1.0, 1.0, _LENGTH_M, _LENGTH_M, _LENGTH_M])
-    columns, wanted = jacobian * weights[:, None], np.array(error) * weights
-    damped = columns.T @ columns + _DAMPING * float(wanted @ wanted) * np.eye(6) + 1e-15 * np.eye(6)
-    change = np.linalg.solve(damped, columns.T @ wanted)
+    columns, goal = jacobian * weights[:, None], np.array(error) * weights
+    damped = columns.T @ columns + _DAMPING * float(goal @ goal) * np.eye(6) + 1e-15 * np.eye(6)
+    change = np.linalg.solve(damped, columns.T @ goal)
     most = float(np.abs(change).max())
     change *= min(1.0, _STEP_RAD / most) if most else 1.0
     a, b, c, d, e, f = (q + math.degrees(by) for q, by in zip(joints, change.tolist(), strict=True))

@@ -151,7 +151,7 @@ class FanucController:
                     packet = in_stream(packet)
             except RemoteProtocolError as error:
                 self.server.counts["packets that cannot be read"] += 1
-                self.tell(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
+                self.report_order(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
                 continue
             self._receive(packet, side_of(datagram), now)
 
@@ -181,7 +181,7 @@ class FanucController:
             acts = acts and side == self.server.peer
             order = self._reader.read(packet, now, acts)  # type: ignore[arg-type]
             if order is not None:
-                self.tell(order)
+                self.report_order(order)
         before = len(self.server.buffer)
         self.server.handle(packet, side, now)  # type: ignore[arg-type]
         if len(self.server.buffer) > before:
@@ -227,7 +227,7 @@ class FanucController:
 
     # --- sessions and stops
 
-    def tell(self, order: ReceivedOrder) -> None:
+    def report_order(self, order: ReceivedOrder) -> None:
         """Report an order to the judge."""
         self.orders.tell(order)
 

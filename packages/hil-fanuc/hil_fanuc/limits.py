@@ -108,7 +108,7 @@ class JointLimiter:
         self, goal: Sequence[float], limits: Sequence[AxisLimits], exact: bool = False
     ) -> tuple[float, ...]:
         """Move towards a goal by one cycle and return the set points. With `exact`, a goal that keeps the limits is
-        taken at once, even if the joints could not stop there.
+        followed at once, even if the joints could not stop there.
         """
         if exact and self.breach(goal, limits) is None:
             self.accept(goal)

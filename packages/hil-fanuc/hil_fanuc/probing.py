@@ -52,7 +52,7 @@ class Prober(Mailbox[Piece | OpenSession, Done]):
 
     def _run(self) -> Script:
         try:
-            yield from self._startup.look()
+            yield from self._startup.read_facts()
         except Failed as failed:
             self.failure = failed.trouble
         yield from self._startup.connect()
@@ -172,12 +172,12 @@ def _rows(prober: Prober, client: FanucSettings) -> list[tuple[str, str]]:
 
 
 def _refusals(prober: Prober) -> list[Trouble]:
-    found = [prober.failure] if prober.failure else []
+    refusals = [prober.failure] if prober.failure else []
     status = prober.answers.get("FRC_GetStatus", {})
     if status.get("TPMode") in TEST_MODES:
-        found.append(
+        refusals.append(
             Trouble("its teach pendant is on, or it is not in AUTO", "select AUTO, switch the pendant off")
         )
     if status.get("ServoReady") == 0:
-        found.append(Trouble("its servos are off", "release stops, and clear its alarms"))
-    return found
+        refusals.append(Trouble("its servos are off", "release stops, and clear its alarms"))
+    return refusals

@@ -75,11 +75,11 @@ class Reporter:
         motion, program, server = self._motion, self._program, self._server
         joints, pose = motion.joints, motion.path.pose
         reported = self.pose.told(pose, now) if self.pose.wrong else pose
-        numbers, angles = self._numbers(reported), self._told(joints)
+        numbers, angles = self._numbers(reported), self._in_packets(joints)
         if reported is None or math.isnan(reported.position[0]):
-            angles = _NO_NUMBERS if reported is None else self._told(joints)
+            angles = _NO_NUMBERS if reported is None else self._in_packets(joints)
         elif reported != pose:
-            angles = self._told(motion.arm.nearest(reported, joints) or joints)
+            angles = self._in_packets(motion.arm.nearest(reported, joints) or joints)
         status = Status.SYSTEM_READY if program.servo_on else Status(0)
         status |= Status.READY if program.is_ready(now) else Status(0)
         status |= Status.RECEIVED if server.received else Status(0)
@@ -106,10 +106,10 @@ class Reporter:
         joints = motion.set_point
         pose = self._numbers(motion.arm.pose(joints))
         return CommandPosition(
-            self._server.version, now - self._clock_begin + self._shift_s, pose, self._told(joints)
+            self._server.version, now - self._clock_begin + self._shift_s, pose, self._in_packets(joints)
         )
 
-    def _told(self, joints: Joints) -> Nine:
+    def _in_packets(self, joints: Joints) -> Nine:
         """Return joints as packets contain them."""
         return nine(to_pendant(joints) if self._profile.stream_j3 == "horizon" else joints)
 

@@ -13,7 +13,7 @@ from protocol.endpoint import RemoteProtocolError
 PORT = 16001
 """TCP port of the first door. It names the port of the session."""
 SESSION_PORT = 16002
-"""Port of the session that was seen."""
+"""Port of the session that was observed."""
 STREAM_PROGRAM = "STREAM_MOTN"
 """TP program that begins and ends the streaming."""
 LINE_MAX = 4096

@@ -28,7 +28,7 @@ class Commands:
             answer: Message | None = act(self, message)
             return answer
         if name in _MOTIONS:
-            self._host.tell(
+            self._host.report_order(
                 ReceivedOrder(self._now, Act.REFUSED, f"{name} of the Remote Motion Interface", False)
             )
             self._host.server.unmodelled.touch(
@@ -61,7 +61,7 @@ class Commands:
     def _reset(self, message: Message) -> Message:
         host = self._host
         if host.program.alarms or host.program.stopped_at is not None:
-            host.tell(ReceivedOrder(self._now, Act.RELEASE, "FRC_Reset", True))
+            host.report_order(ReceivedOrder(self._now, Act.RELEASE, "FRC_Reset", True))
         return {"ErrorID": 0 if host.reset(self._now) else rmi.CANNOT_RESET}
 
     def _read_error(self, message: Message) -> Message:
@@ -131,7 +131,7 @@ class Commands:
             return {"SequenceID": number, "ErrorID": rmi.BAD_SEQUENCE}
         answer: Message = {"SequenceID": number, "ErrorID": 0}
         interface.sequence += 1
-        host.tell(ReceivedOrder(self._now, Act.PROGRAM, f"FRC_Call {name}"[:40], True, moves=False))
+        host.report_order(ReceivedOrder(self._now, Act.PROGRAM, f"FRC_Call {name}"[:40], True, moves=False))
         if name != rmi.STREAM_PROGRAM:
             return answer | {"ErrorID": rmi.BAD_PROGRAM}
         if not interface.initialized:

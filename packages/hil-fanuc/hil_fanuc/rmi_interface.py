@@ -20,7 +20,7 @@ class Host(Protocol):
     motion: Motion
     server: StreamServer
 
-    def tell(self, order: ReceivedOrder) -> None:
+    def report_order(self, order: ReceivedOrder) -> None:
         """Report an order to the judge."""
 
     def reset(self, now: float) -> bool:
@@ -34,7 +34,7 @@ class Session(Protocol):
     """Connection of the client that is served."""
 
     def push(self, message: Message) -> None:
-        """Send a line that no request asked for."""
+        """Send a line that answers no request."""
 
 
 class Interface:

@@ -36,7 +36,7 @@ class Door:
             name = rmi.name_of(message)
             answer: Message = {name.key: name.name} if name.key else {}
             if name.name in CONNECTS:
-                self._interface.host.tell(ReceivedOrder(now, Act.CONTACT, name.name, True))
+                self._interface.host.report_order(ReceivedOrder(now, Act.CONTACT, name.name, True))
                 facts = {"PortNumber": self._interface.port, "MajorVersion": MAJOR, "MinorVersion": MINOR}
                 answer |= {"ErrorID": 0, **facts}
             else:
@@ -70,14 +70,14 @@ class Connection:
         """Lines with the times of their answers, s."""
         self._out = bytearray()
         self.closing = False
-        self._heard_at = now
+        self._received_at = now
         self._is_disconnected = False
         interface.claim(self, now)
 
     def receive(self, data: bytes, now: float) -> None:
         if not self._interface.claim(self, now):
             return
-        self._heard_at = now
+        self._received_at = now
         delay = self._interface.host.profile.rmi_answer_ms / 1e3
         for message in _messages(self._reader, data):
             begin = max(now, self._waiting[-1][0] if self._waiting else now)
@@ -92,7 +92,7 @@ class Connection:
 
     def next_deadline(self) -> float | None:
         idle = self._interface.host.profile.rmi_idle_min * 60.0
-        ends = self._heard_at + idle if idle and self._interface.owner is self else math.inf
+        ends = self._received_at + idle if idle and self._interface.owner is self else math.inf
         at = min(self._waiting[0][0] if self._waiting else math.inf, ends)
         return None if at == math.inf else at
 
@@ -101,7 +101,7 @@ class Connection:
             _, message = self._waiting.popleft()
             self._handle(message, now)
         idle = self._interface.host.profile.rmi_idle_min * 60.0
-        if idle and self._interface.owner is self and now >= self._heard_at + idle:
+        if idle and self._interface.owner is self and now >= self._received_at + idle:
             self.push({"Communication": "FRC_Terminate"})
             self._end(now, by_request=True)
 
@@ -110,7 +110,7 @@ class Connection:
             self._interface.free(self, now, by_request=False)
 
     def push(self, message: Message) -> None:
-        """Send a line that no request asked for."""
+        """Send a line that answers no request."""
         self._out += rmi.encode(message)
 
     def _end(self, now: float, by_request: bool) -> None:

@@ -46,7 +46,7 @@ class FanucSettings:
     )
     program: str = setting(STREAM_PROGRAM, Mark.OBSERVED, "TP program that begins the streaming")
     reports: Literal["tcp", "face plate"] = setting(
-        "tcp", Mark.CHOSEN, "point that the controller is asked to report, and that a run guides"
+        "tcp", Mark.CHOSEN, "point that the controller reports on request, and that a run guides"
     )
     start_move: int = setting(
         0, Mark.CHOSEN, "set points that the controller buffers before it moves", between(0, 9)
@@ -68,7 +68,7 @@ class FanucSettings:
     sensor: Literal["none", "built-in", "external"] = setting(
         "none",
         Mark.CHOSEN,
-        "force sensor that the controller is asked to report, from version 4 on",
+        "force sensor that the controller reports on request, from version 4 on",
     )
     force_axes: Literal["tool", "base"] = setting(
         "tool", Mark.ASSUMED, "frame of the reported force; no source specifies it"

@@ -78,7 +78,7 @@ class Startup:
         """Begin to stream. Raises Failed if the controller does not become ready."""
         yield from self.connect()
         yield from self.requests.send(Signal(Kind.STOP, self.controller.version), _PAUSE_S)
-        yield from self.look()
+        yield from self.read_facts()
         yield from self._choose_reports()
         yield from self._initialize()
         yield from self._start()
@@ -97,7 +97,7 @@ class Startup:
         status = yield from requests.line({"Command": "FRC_GetStatus"}, first=(session,), late=_OTHER_CLIENT)
         self.controller.status = status
 
-    def look(self) -> Script:
+    def read_facts(self) -> Script:
         """Read capability and thresholds. Changes nothing."""
         controller, requests = self.controller, self.requests
         if not self._settings.version:
@@ -131,13 +131,13 @@ class Startup:
         """Choose the reported point and the buffer of set points, from version 3 on."""
         settings, version = self._settings, self.controller.version
         if version >= FIRST_VERSION:
-            asked = Capability(
+            setting = Capability(
                 Kind.SET_CAPABILITY,
                 version,
                 start_move=settings.start_move,
                 reports_tcp=int(settings.reports == "tcp"),
             )
-            yield from self.requests.packet(asked, _is(Kind.SET_CAPABILITY), "choice of its reports")
+            yield from self.requests.packet(setting, _is(Kind.SET_CAPABILITY), "choice of its reports")
 
     def _initialize(self) -> Script:
         requests, controller = self.requests, self.controller

@@ -478,9 +478,9 @@ def test_old_start_packet_begins_a_session_of_version_2() -> None:
 def test_j3_of_packets_can_be_that_of_the_pendant() -> None:
     desk = started(FanucProfile(stream_j3="horizon"))
     a, b, c, d, e, f = desk.robot.motion.joints
-    told = (a, b, c - b, d, e, f)
-    assert desk.report.joints[:6] == pytest.approx(told, abs=1e-5)
-    desk.command(told)
+    angles = (a, b, c - b, d, e, f)
+    assert desk.report.joints[:6] == pytest.approx(angles, abs=1e-5)
+    desk.command(angles)
     desk.tick()
     assert desk.robot.motion.set_point == pytest.approx((a, b, c, d, e, f), abs=1e-9)
     assert alarms(desk) == []

@@ -37,7 +37,7 @@ def test_motion_that_ends_abruptly_has_no_overshoot() -> None:
     assert delay == pytest.approx((1.15 / 1240.0) ** 0.5, rel=0.15)  # of the shortest stop at this speed
 
 
-def test_exact_goals_within_the_limits_are_taken() -> None:
+def test_exact_goals_within_the_limits_are_followed() -> None:
     goals = [0.0005 * k * k * CYCLE for k in range(1, 100)]
     assert followed(goals, exact=True) == goals
 
