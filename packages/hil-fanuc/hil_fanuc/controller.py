@@ -221,6 +221,9 @@ class FanucController:
         self.set_points.expects = True
 
     def _watch_contact(self, at: float) -> None:
+        if self.set_points.is_jerky:
+            self.set_points.is_jerky = False
+            self._trip(at)
         limit = self.profile.contact_stop_n
         if limit and self._contact is not None and math.hypot(*self._contact(at - _PASSED_S)) > limit:
             self._trip(at)

@@ -94,6 +94,13 @@ class FanucProfile:
         at_least(0.0),
         unit="N",
     )
+    contact_jerk: float = setting(
+        0.0,
+        Mark.ASSUMED,
+        "ratio of a smoothed set point's jerk to its limit at which the contact stop trips, as a jerky motion was "
+        "observed to trip it; 0: never",
+        at_least(0.0),
+    )
     # --- silence and stops
     silent_slow_ms: float = setting(
         121.0,

@@ -47,6 +47,8 @@ class SetPoints:
         self._silent_since: float | None = None
         self._silent_speed = 0.0
         """Speed of the fastest joint when set points began to be missing, degrees/s."""
+        self.is_jerky = False
+        """Whether a set point was so jerky that the contact stop trips."""
         self._begun = False
         """Whether the movement has begun: `start_move` set points were buffered."""
 
@@ -164,6 +166,9 @@ class SetPoints:
     def _smooth(self, goal: Joints) -> None:
         """Move the set points towards a goal within the limits, also that of the tool in collaborative mode."""
         limiter, before = self.motion.limiter, self.motion.limiter.states
+        trip = self._profile.contact_jerk
+        if trip and (breach := limiter.breach(goal, self.limits)) and breach.limit is Limit.JERK:
+            self.is_jerky = breach.share > trip
         limiter.step(goal, self.limits, exact=True)
         a, b, c, d, e, f = after = limiter.joints
         limiter.states = before
