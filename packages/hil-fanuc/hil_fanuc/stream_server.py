@@ -22,6 +22,7 @@ from hil_fanuc.packets import (
     ToClient,
     ToRobot,
     encode_to_client,
+    is_finite,
     nine,
 )
 from hil_fanuc.profile import FanucProfile
@@ -140,6 +141,8 @@ class StreamServer:
         self._answered = command.sequence
         self.received = True
         self.has_last |= command.is_last
+        if any(command.position[_AXES:]) and is_finite(command.position):
+            self.unmodelled.touch("external axes", "ignored")
         if command.moves:
             if len(self.buffer) == self.buffer.maxlen:
                 self.counts["commands beyond the buffer"] += 1

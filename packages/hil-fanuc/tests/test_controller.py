@@ -244,6 +244,31 @@ def test_smoothed_step_keeps_the_limits() -> None:
     assert max(map(abs, gains)) <= 265.0 + 1e-6
 
 
+@pytest.mark.parametrize(("profile", "expected"), [(OLD, ["SYST-323"]), (FanucProfile(), [])])
+def test_tool_speed_is_limited_in_collaborative_mode(profile: FanucProfile, expected: list[str]) -> None:
+    """Joint 1 turns 1 m away from its axis, at up to 57 degrees/s."""
+    desk = started(profile)
+    joints, fastest = list(desk.robot.motion.set_point), 0.0
+    place = desk.robot.motion.arm.pose(desk.robot.motion.set_point).position
+    for count in range(200):
+        share = min(count / 100.0, 1.0)
+        joints[0] += 57.0 * share * share * (3.0 - 2.0 * share) * 0.008
+        desk.command(joints)
+        desk.tick()
+        if alarms(desk):
+            break
+        before, place = place, desk.robot.motion.arm.pose(desk.robot.motion.set_point).position
+        fastest = max(fastest, math.dist(before, place) / 0.008)
+    assert alarms(desk) == expected
+    assert fastest <= 0.75 * (1.0 + 1e-6)
+
+
+def test_external_axes_are_reported_as_not_modelled() -> None:
+    desk = started()
+    desk.send(Command(3, desk.report.sequence, (*desk.robot.motion.set_point, 5.0, 0.0, 0.0)))
+    assert list(desk.robot.unmodelled.counts) == ["external axes"]
+
+
 # --- the incident
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fanuc_desk import started
 from hil_fanuc.describe import describe
 from hil_fanuc.emulator_fit import match
 from hil_fanuc.packets import (
@@ -24,6 +25,8 @@ from hil_fanuc.room import ROBOT, check
 from hil_fanuc.settings import FanucSettings
 from hil_fanuc.wires import parse_address
 
+from emulators.faults import Ledger
+from emulators.panel import Panel
 from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.emulator_fit import RobotFigures
 from hil_bridge.devices.kinds import KindSettings
@@ -107,6 +110,33 @@ def test_probe_of_a_hanging_server_reads_the_rest() -> None:
     rows, refusals, _ = probed(lambda rig: rig.robot.abort_tasks(rig.clock.now()))
     assert rows["position"] == "900.0 -100.0 355.0 mm, world"
     assert refusals == ["it does not answer the capability request over Stream Motion"]
+
+
+# --- panel
+
+
+def test_panel_moves_each_control_and_shows_the_state() -> None:
+    desk = started()
+    emulation = ROBOT.emulation
+    assert emulation is not None
+    assert emulation.controls is not None
+    panel = Panel(desk.robot, emulation.controls, Ledger(emulation.faults))
+    rows = panel.show(desk.now)["rows"]
+    assert (rows["stream"], rows["motion"]) == ("version 3, sends reports, ready", "possible")
+    panel.perform({"do": "emergency-stop", "to": "press"}, desk.now)
+    desk.wait(0.6)
+    shown = panel.show(desk.now)
+    assert shown["at"] == {"emergency-stop": "press", "pendant": "off"}
+    assert shown["rows"]["motion"] == "not possible: SRVO-002 Teach pendant E-stop"
+    panel.perform({"do": "emergency-stop", "to": "release"}, desk.now)
+    panel.perform({"do": "pendant", "to": "on"}, desk.now)
+    assert panel.show(desk.now)["at"] == {"emergency-stop": "release", "pendant": "on"}
+    panel.perform({"do": "pendant", "to": "off"}, desk.now)
+    panel.perform({"do": "abort-all"}, desk.now)
+    assert panel.show(desk.now)["rows"]["motion"] == "not possible: its server of Stream Motion hangs"
+    panel.perform({"do": "power"}, desk.now)
+    assert panel.show(desk.now)["rows"]["alarms"] == "none"
+    desk.begin()
 
 
 # --- descriptions
