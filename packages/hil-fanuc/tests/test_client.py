@@ -340,11 +340,12 @@ def test_loop_keeps_its_force(model: str, stiffness: float) -> None:
     site = {
         "robot": {"emulated": "fanuc", "fanuc": {"model": model}},
         "cell": {**NEAR, "surface": {"stiffness_n_m": stiffness}, "fanuc": {"model": model}},
+        "controller": {"name": "predictive", "parameters": {"resolution_mm": 0.05}},
         "run": {"duration_s": 5.0},
     }
     result = hil_bridge.simulate(site, seed=7)
     assert result.outcome == "completed", result.text
-    assert result.figures.force_mean_steady_n == pytest.approx(10.0, abs=0.7)
+    assert result.figures.force_mean_steady_n == pytest.approx(10.0, abs=0.5)
 
 
 @pytest.mark.parametrize("version", [1, 4])
