@@ -64,16 +64,13 @@ class SetPoints:
     def decide(self, at: float) -> Joints:
         """Return the set points for the cycle that begins at a time, s."""
         motion, program = self.motion, self._program
-        if not program.may_move:
+        if program.may_move and program.starved:
+            self._go_on(at)
+            return motion.set_point
+        if not (program.may_move and program.is_ready(at)):
             motion.brake(at)
             self._server.buffer.clear()
             self.begin()
-            return motion.set_point
-        if program.starved:
-            self._go_on(at)
-            return motion.set_point
-        if not program.is_ready(at):
-            motion.lock()
             return motion.set_point
         command = self._next_command()
         if command is None:

@@ -140,7 +140,7 @@ class StreamServer:
             return
         self._answered = command.sequence
         self.received = True
-        self.has_last |= command.is_last
+        self.has_last = command.is_last or (self.has_last and not command.moves)
         if any(command.position[_AXES:]) and is_finite(command.position):
             self.unmodelled.touch("external axes", "ignored")
         if command.moves:

@@ -34,6 +34,30 @@ def test_silence_lets_the_arm_coast(speed: float, ready_s: float, overrun: float
     assert len(desk.reports) == count + 10, "reports go on"
 
 
+def test_starved_program_continues_after_a_call() -> None:
+    desk = started()
+    desk.move(5, 15.0, 0.5)
+    desk.wait(0.5)
+    assert not desk.report.status & Status.READY
+    place = desk.report.joints[5]
+    assert desk.call() == 0
+    while not desk.report.status & Status.READY:
+        desk.tick()
+    desk.move(5, 15.0, 0.5)
+    assert desk.report.status & Status.READY
+    assert desk.report.joints[5] > place + 2.0
+
+
+def test_silence_is_detected_in_the_movement_after_a_last_command() -> None:
+    desk = started()
+    desk.command(desk.robot.motion.set_point, last=True)
+    desk.wait(0.3)
+    assert desk.report.status & Status.READY
+    desk.command(desk.robot.motion.set_point)
+    desk.wait(0.3)
+    assert not desk.report.status & Status.READY
+
+
 def test_old_software_stops_with_an_alarm_when_set_points_are_missing() -> None:
     desk = started(OLD)
     desk.command(desk.robot.motion.set_point)
