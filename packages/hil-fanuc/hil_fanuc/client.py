@@ -53,6 +53,8 @@ FIT_M, FIT_RAD = 1e-3, 2e-3
 """Largest difference between reported pose and reported joints, m and rad. Chosen: above the rounding of float32 and
 the tolerances of a calibrated arm's model.
 """
+NOTICES_MAX = 64
+"""Largest number of different notices. Chosen."""
 TOOL_MAX_M = 1.0
 """Longest tool, m. Chosen."""
 
@@ -368,6 +370,6 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
 
     def _notice(self, kind: str, text: str) -> None:
         """Report each text once."""
-        if text not in self._noticed:
+        if text not in self._noticed and len(self._noticed) < NOTICES_MAX:
             self._noticed.add(text)
             self._events.append(StreamNotice(kind, text))

@@ -97,6 +97,7 @@ class FanucController:
                 **self._faults.striking(acts),
                 **self._faults.held(("stands", "rmi-silent")),
                 "clock-jump": Handler(self._jump),
+                "lags": Handler(self._begin_lag, lambda injection, now: self.motion.delay(0.0)),
             },
             "pose": self.reporter.pose.handlers,
             WIRE: {**self.endpoint.handlers, **self._faults.held(("wrong-number",))},
@@ -281,6 +282,10 @@ class FanucController:
             self.program.abort()
         else:
             self.program.press_stop(injection.injected_at)
+
+    def _begin_lag(self, injection: Injection) -> None:
+        injection.strike(injection.injected_at)
+        self.motion.delay(injection.number("ms") / 1e3)
 
     def _end_stop(self, name: str) -> None:
         if name == "pendant-on":

@@ -54,11 +54,22 @@ class Motion:
         self._loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio).over(self._cycle)
         self._rates: Joints = _STILL
         """Speeds of the loops, degrees/s."""
-        self.delay_s = round(profile.transport_delay_ms / profile.cycle_ms) * self._cycle
-        self._delayed = deque([joints] * round(self.delay_s / self._cycle))
+        self._usual = round(profile.transport_delay_ms / profile.cycle_ms)
+        self._extra = 0
+        """Cycles by which the set points are delayed in addition."""
+        self._delayed = deque([joints] * self._usual)
         self._brake_s = profile.stop_ms / 1e3
         self._braked_from: tuple[Joints, float] = _STILL, 0.0
         self.path = CycledPath(pose, now, self._cycle, self._step)
+
+    @property
+    def delay_s(self) -> float:
+        """Delay from a set point to the loops, s."""
+        return len(self._delayed) * self._cycle
+
+    def delay(self, seconds: float) -> None:
+        """Delay the set points by a time in addition. A shorter delay takes effect when the arm is stationary."""
+        self._extra = round(seconds / self._cycle)
 
     @property
     def set_point(self) -> Joints:
@@ -109,7 +120,11 @@ class Motion:
 
     def _follow(self, set_point: Joints) -> Joints:
         self._delayed.append(set_point)
-        pull = self._delayed.popleft()
+        pull = self._delayed[0]
+        if len(self._delayed) > self._usual + self._extra:
+            pull = self._delayed.popleft()
+            if self.is_still and len(self._delayed) > self._usual + self._extra:
+                self._delayed.popleft()
         if pull == self.joints and self._rates == _STILL:
             return self.joints
         a, b, c, d = self._loop

@@ -159,6 +159,20 @@ def test_arm_follows_set_points_84_ms_later() -> None:
     assert ordered > start + 5.0
 
 
+def test_arm_can_follow_180_ms_later() -> None:
+    desk = started()
+    injection = desk.inject("robot", "lags", 60.0, ms=96.0)
+    desk.wait(0.2)
+    desk.move(5, 10.0, 1.0)
+    assert (desk.robot.motion.set_point[5] - desk.report.joints[5]) / 10.0 == pytest.approx(0.18, abs=0.004)
+    handler = desk.robot.handlers["robot"]["lags"]
+    assert handler.end is not None
+    handler.end(injection, desk.now)
+    desk.command(desk.robot.motion.set_point, last=True)
+    desk.wait(1.0)
+    assert desk.robot.motion.delay_s == pytest.approx(0.056)
+
+
 def test_command_that_answers_no_report_is_ignored() -> None:
     desk = started()
     joints = list(desk.report.joints[:6])
