@@ -268,11 +268,13 @@ def test_fault_does_not_excuse_false_retraction_report(healthy: Evidence, on: st
     assert {Promise.END, Promise.LAST_LINE} <= violations
 
 
-def test_surface_after_newest_frame_is_no_violation(healthy: Evidence) -> None:
+@pytest.mark.parametrize(("on", "name"), [("surface", "swings"), ("obstacle", "above")])
+def test_touch_after_newest_frame_is_no_violation(healthy: Evidence, on: str, name: str) -> None:
+    """A surface that swings, and a tool that bounces off an obstacle."""
     assert healthy.trace is not None
     pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
-    oscillating = faulted(pressed, {"on": "surface", "fault": "swings", "phase": "track"})
-    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(oscillating)}
+    touched = faulted(pressed, {"on": on, "fault": name, "phase": "track"})
+    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(touched)}
 
 
 def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:

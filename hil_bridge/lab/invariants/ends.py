@@ -81,15 +81,15 @@ def _rest(evidence: Evidence) -> Mapping[str, object]:
 def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) -> float:
     """Return the magnitude of the true force at the end, N, without the axes that are reported as not verified.
 
-    A moving surface may reach the tool after the newest frame. In this case, the result is the smallest force since
-    the time of the oldest frame that is still valid.
+    A moving surface may reach the tool after the newest frame, and a tool that retracts into an obstacle may bounce
+    off it. In these cases, the result is the smallest force since the time of the oldest frame that is still valid.
     """
     unverified, truths = rest.get("unverified"), evidence.recording.truths
     if not isinstance(unverified, list) or not unverified:
         end_s = truths[-1].at if truths else float(trace.times[-1])
         begin_s = end_s - evidence.config.limits.stale_after_ms * 1e-3
-        moves = any(moves_surface(fault) for fault in evidence.config.faults)
-        return float(min(trace.forces[trace.times >= begin_s])) if moves else float(trace.forces[-1])
+        varies = any(moves_surface(fault) or fault.on == "obstacle" for fault in evidence.config.faults)
+        return float(min(trace.forces[trace.times >= begin_s])) if varies else float(trace.forces[-1])
     if trace.vectors is None or not truths or not all(map(math.isfinite, truths[-1].quaternion)):
         return 0.0
     named = {str(name).lower() for name in unverified}
