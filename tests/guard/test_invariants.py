@@ -285,6 +285,18 @@ def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:
     assert Promise.LAST_LINE not in {one.promise for one in broken_promises(replace(healthy, trace=sagging))}
 
 
+@pytest.mark.parametrize(("force_n", "is_violation"), [(60.0, False), (0.0, True)])
+def test_deflection_under_contact_force_is_no_false_depth(
+    healthy: Evidence, force_n: float, is_violation: bool
+) -> None:
+    """The encoders do not measure it."""
+    trace, depth_m = healthy.trace, json.loads(healthy.recording.end["rest"])["depth_m"]
+    assert trace is not None
+    pressed = traced(healthy, forces=np.full(len(trace.forces), force_n))
+    violations = broken_promises(rest(pressed, force_n=force_n, depth_m=depth_m - 4e-3, retracted=False))
+    assert any(one.promise is Promise.LAST_LINE for one in violations) == is_violation
+
+
 def test_surface_that_comes_to_resting_tool_is_no_false_end(healthy: Evidence) -> None:
     assert healthy.trace is not None
     end = {key: value for key, value in healthy.recording.end.items() if key != "rest"}
