@@ -153,7 +153,7 @@ class _Drawing:
         yield f'<line class="axis" x1="0" x2="100%" y1="{self._bottom}" y2="{self._bottom}"/>'
         for at in round_numbers(self._low, self._high, _PHONE_PX):
             x = self._x(at)
-            if _EDGE < x < 100.0 - _EDGE:
+            if 1.0 < x < 99.0:
                 yield (
                     f'<line class="axis" x1="{x:.2f}%" x2="{x:.2f}%" y1="{self._bottom}" y2="{self._bottom + 4}"/>'
                     f'<text class="quiet" x="{x:.2f}%" y="{self._bottom + 17}" text-anchor="middle">{number(at)}</text>'

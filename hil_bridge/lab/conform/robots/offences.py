@@ -30,7 +30,7 @@ class Offender:
     offence: Offence
     at: float
     text: str
-    """Description of the order in the terminology of the robot."""
+    """Description of the order, or of its breach, in the terminology of the robot."""
     step_m: float
     is_accepted: bool
     """Whether the robot could execute the order."""

@@ -84,8 +84,9 @@ class _RobotLine:
     def _offences(self) -> Iterator[tuple[float | None, str, Tone]]:
         """Yield the first order of each offence, and the order before the first of them."""
         evidence = self._evidence
+        listed = evidence.last_before_fault_at, evidence.first_order_at
         for number, one in enumerate(self._judged()):
-            if not number and one.offence in _STREAMED and one.before_at != evidence.last_before_fault_at:
+            if not number and one.offence in _STREAMED and one.before_at not in listed:
                 yield one.before_at, "last good order", Tone.GOOD
             yield one.at, _describe(one), Tone.BAD
             if one.offence is Offence.AFTER_STOP and evidence.after_stop > 1:

@@ -239,9 +239,9 @@ class Watch:
     ) -> None:
         """Store the order for each offence that no earlier order had."""
         evidence = self.seen
-        known = {one.offence for one in evidence.offences}
+        known, texts = {one.offence for one in evidence.offences}, {Offence.BREACH: order.breach}
         evidence.offences += [
-            Offender(one, at, order.words, stride.step_m, order.taken, evidence.last_order_at)
+            Offender(one, at, texts.get(one, order.words), stride.step_m, order.taken, evidence.last_order_at)
             for one in offences
             if one not in known
         ]
