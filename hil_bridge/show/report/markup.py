@@ -40,10 +40,18 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     return across(table(body, style, head))
 
 
-def fold(section: str) -> str:
-    """Fold a section below its heading, which the reader opens. An empty section stays empty."""
+def fold(section: str, name: str = "") -> str:
+    """Fold a section below its heading, which the reader opens. An empty section stays empty.
+
+    `name` is unique on the page; a live page keeps a named section open.
+    """
     heading, end, rest = section.partition("</h2>")
-    return f'<details class="fold"><summary>{heading}{end}</summary>\n{rest}</details>\n' if end else section
+    named = f' id="{name}"' if name else ""
+    return (
+        f'<details class="fold"{named}><summary>{heading}{end}</summary>\n{rest}</details>\n'
+        if end
+        else section
+    )
 
 
 def across(marked: str) -> str:
