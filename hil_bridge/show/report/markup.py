@@ -6,12 +6,18 @@ from html import escape
 
 from hil_bridge.show.report.figures import Row
 
+_BADGE_STYLES = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
 _COMMAND = re.compile(r"`([^`]+)`")
 
 
 def prose(text: str) -> str:
     """Render prose as HTML: remove URL queries, and format text between backticks as code."""
     return _COMMAND.sub(r"<code>\1</code>", escape(text))
+
+
+def badge(outcome: str) -> str:
+    """Render the outcome of a run."""
+    return f'<span class="badge {_BADGE_STYLES.get(outcome, "")}">{escape(outcome)}</span>'
 
 
 def rows(figures: Iterable[Row]) -> str:
