@@ -126,7 +126,8 @@ class Why(Struct, frozen=True):
 def why_values(recording: Recording, file: object = "FILE") -> Why:
     """Return the explanation of `why` as values."""
     end, ending = end_of(recording), _Ending(recording, end_of(recording), file)
-    reason, good, symptom = end.reason, ending.last_good(), ending.symptom
+    reason = end.reason if recording.foreign is None else None
+    good, symptom = ending.last_good(), ending.symptom
     return Why(
         end.outcome,
         why(recording, file),

@@ -1,6 +1,6 @@
 """Comparison of several runs: one page with overlaid charts, and tables of the differences."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -72,12 +72,13 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     charts, left_out = _charts(runs, align)
-    settings, only_some = _differing(runs)
+    ours = _with_settings(runs)
+    settings, only_some = _differing(ours)
     figures = [_figures_of(runs[name], summaries[name]) for name in runs]
     merits = [row.label for one in summaries.values() for row in merit_rows(one)]
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{prose(_point(summaries.values(), [key for key, *_ in settings]))}</p>
-{_settings(runs, settings, only_some)}
+<p class="point">{prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
+{_settings(ours, settings, only_some)}
 <h2>How they ended</h2>
 {_side_by_side(runs, [*_ends(runs, summaries), *_figure_lines(figures, merits)])}
 <h2>Course</h2>
@@ -87,8 +88,10 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     return document(f"compared: {', '.join(runs)}", body)
 
 
-def _point(summaries: Collection[Summary], keys: Sequence[str]) -> str:
-    """Return in one sentence how many runs completed, and which settings differ."""
+def _point(summaries: Sequence[Summary], keys: Sequence[str]) -> str:
+    """Return in one sentence how many runs completed, and which settings differ; bags have neither."""
+    if not summaries:
+        return "Bags of other programs contain neither settings nor an end."
     completed = sum(one.outcome == Outcome.COMPLETED for one in summaries)
     named = " and ".join(f"`{key}`" for key in keys) if len(keys) <= _NAMED_MOST else f"{len(keys)} settings"
     differ = f"{named} differ{'s' * (len(keys) == 1)}" if keys else "no setting differs"
@@ -97,7 +100,7 @@ def _point(summaries: Collection[Summary], keys: Sequence[str]) -> str:
 
 def _differing(runs: Mapping[str, Recording]) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
     """Return the settings that all runs have with different values, and those that only some runs have."""
-    rows = between(list(_with_settings(runs).values()))
+    rows = between(list(runs.values()))
     return [row for row in rows if ABSENT not in row], [row for row in rows if ABSENT in row]
 
 
@@ -105,7 +108,7 @@ def _settings(
     runs: Mapping[str, Recording], settings: Sequence[tuple[str, ...]], only_some: Sequence[tuple[str, ...]]
 ) -> str:
     """Render the settings that differ, and, folded, those that only some runs have."""
-    titles = ("setting", *_with_settings(runs))
+    titles = ("setting", *runs)
     parts = [f"<h2>Settings that differ</h2>{cells(titles, settings, 'narrow settings')}"] if settings else []
     if only_some:
         heading = f"<h2>Settings that only some runs have: {len(only_some)}</h2>"
@@ -135,9 +138,10 @@ def _with_settings(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
 
 def _bags(runs: Mapping[str, Recording]) -> str:
     """Render the assumptions with which each bag was read."""
-    bags = {name: recording.foreign for name, recording in runs.items() if recording.foreign is not None}
     return "".join(
-        fold(f"<h2>{escape(name)}: assumptions</h2>{assumptions_table(bag)}") for name, bag in bags.items()
+        fold(f"<h2>{escape(name)}: assumptions</h2>{assumptions_table(bag)}")
+        for name, recording in runs.items()
+        if (bag := recording.foreign) is not None
     )
 
 
