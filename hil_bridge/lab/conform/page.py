@@ -15,8 +15,6 @@ from hil_bridge.show.report.markup import across, cells, fold, pairs, prose
 from protocol.marks import settings
 
 _SIGNS = {Outcome.PASSED: ("good", "✓"), Outcome.FAILED: ("bad", "✗"), Outcome.SKIPPED: ("none", "–")}
-_NAMED = 1
-"""Maximum number of mistakes in the first sentence, most serious first. Chosen: the table has all."""
 _EMULATED = (
     "The device was emulated: its states after a fault are assumed, and the verdict says nothing about the safety "
     "of people."
@@ -51,13 +49,15 @@ def repeat_command(trial: Trial[Any], only: str, client: Sequence[str]) -> str:
         value = getattr(rules, one.name)
         if value != one.default:
             words += (
-                [f"--{one.name.replace('_', '-')}"] if value is True else ["--set", f"{one.name}={value:g}"]
+                [f"--{one.name.replace('_', '-')}"]
+                if value is True
+                else ["--set", f"{one.name}={value:.12g}"]
             )
     return shlex.join([*words, *client])
 
 
 def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioResult[Any]]) -> str:
-    """Return the verdict in one sentence."""
+    """Return the verdict in one sentence, with the most serious mistake."""
     if not failed:
         skipped = [one.name for one in results if one.verdict.outcome is Outcome.SKIPPED]
         if len(skipped) == len(results):
@@ -66,7 +66,7 @@ def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioRe
         return f"The client passed {len(results) - len(skipped)} of {len(results)} scenarios{without}."
     names, faults = " and ".join(f"`{one.name}`" for one in failed), failed[0].verdict.faults
     share = f", {len(failed)} of {len(results)} scenarios" if len(results) > 1 else ""
-    return f"The client failed {names}{share}: {'; '.join(faults[:_NAMED])}."
+    return f"The client failed {names}{share}: {faults[0]}."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:

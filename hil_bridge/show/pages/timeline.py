@@ -124,7 +124,7 @@ class _Drawing:
 
     def render(self, moments: Sequence[Moment]) -> str:
         """Render the drawing; `moments` are in order of time."""
-        parts = (*self._intervals(), *self._axis(), *self._marks(moments))
+        parts = (*self._intervals(), *self._axis(), *self._marks(moments), *self._names())
         label = f"Time line; 0 s is {self._line.zero}. The list below has its moments."
         return (
             f'<svg width="100%" height="{self._bottom + _AXIS_PX}" role="img" aria-label="{escape(label)}">'
@@ -135,7 +135,7 @@ class _Drawing:
         return 100.0 * (at - self._low) / (self._high - self._low)
 
     def _intervals(self) -> Iterator[str]:
-        """Yield the shaded intervals, then the lanes with their names."""
+        """Yield the shaded intervals, then the bars of the lanes."""
         for one in sorted(self._line.intervals, key=lambda each: each.lane):
             top, height = _BARS[one.tone]
             place = _TOP_PX + _LANE_PX * self._lanes.index(one.lane) if one.lane else _TOP_PX
@@ -145,6 +145,9 @@ class _Drawing:
                 f'<rect class="{one.tone}{"" if one.lane else " across"}" x="{begin:.2f}%" y="{top}"'
                 f' width="{max(end - begin, _LEAST):.2f}%" height="{height}"/>'
             )
+
+    def _names(self) -> Iterator[str]:
+        """Yield the names of the lanes, which cover the lines behind them."""
         for row, lane in enumerate(self._lanes):
             yield f'<text x="0" y="{_TOP_PX + _LANE_PX * row + 13}">{escape(lane)}</text>'
 
