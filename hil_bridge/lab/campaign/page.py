@@ -149,11 +149,11 @@ cannot have, a question mark a case without a run.</p>
     def _failing(self, store: Store, plan: Plan, run: Done) -> str:
         case = plan.cases[run.number]
         ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
-        unmet = [(FIGURES[one.figure].words, one.value, one.wanted) for one in unmet_by(plan, run)]
+        unmet = [(FIGURES[one.figure].words, one.value, one.required) for one in unmet_by(plan, run)]
         return (
             f"<article><p><strong>{escape(case.cell)}</strong>; fault {escape(faults_of_run(case, run))};"
             f" seed {run.seed}</p>"
-            f"{cells(('not met', 'value', 'wanted'), unmet, 'narrow unmet')}"
+            f"{cells(('not met', 'value', 'required'), unmet, 'narrow unmet')}"
             f"{_render_drawn(run)}"
             f"<p>{prose(self._why(store, run) or ended)}</p>"
             f'<p class="quiet">{self._recording(store, run)}Largest true force {true_force(run):.1f} N. '

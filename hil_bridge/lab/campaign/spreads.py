@@ -56,7 +56,7 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
     low, high = finite[0], finite[-1]
     median, late = statistics.median(finite), finite[math.ceil(0.99 * len(finite)) - 1]
     counts = f"{len(finite)} runs" + (f", and {endless} without an end" if endless else "")
-    allowed = "".join(f"; wanted {_bound_text(word, bound)}" for word, bound in bounds.items())
+    allowed = "".join(f"; required: {_bound_text(word, bound)}" for word, bound in bounds.items())
     named = (("median", median), ("99 % ≤", late), ("least", low), ("largest", high))
     numbers = ", ".join(f"{name} {_number(value)}" for name, value in named) + allowed
     return (

@@ -59,8 +59,9 @@ def flat(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def describe_value(value: object) -> str:
-    """Format a value in one line."""
-    text = json.dumps(value, ensure_ascii=False)
+    """Format a value in one line, as JSON unless it is a printable text."""
+    is_plain = isinstance(value, str) and value != "" and value.isprintable()
+    text = str(value) if is_plain else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LENGTH_MAX else f"{text[:_LENGTH_MAX]} … ({len(text)} characters)"
 
 
