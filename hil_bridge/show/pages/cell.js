@@ -317,7 +317,7 @@ var HilCell = (() => {
     label(reported, truth) {
       const {eye, box} = this.views.find(view => view.name === "tool" || this.views.length === 1), push = (truth || reported).push;
       const place = this.arrowEnd && projected(eye, this.arrowEnd, box), left = box.left / this.ratio;
-      const text = place && place.front ? `${digits(size(push))} N` : "";
+      const newton = push ? size(push) : 0, text = place && place.front ? `${newton.toFixed(newton < 10 ? 2 : newton < 100 ? 1 : 0)} N` : "";
       this.tag.hidden = !text || (!this.wide && this.near !== "tool");
       if (this.tag.textContent !== text) this.tag.textContent = text;
       const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - 72;

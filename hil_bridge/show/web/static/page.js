@@ -101,7 +101,7 @@
     list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx, my, mz", now.wrench ? `${[mx, my, mz].map(one => fixed(one, 3)).join("\u2002")} N·m` : "–"]]);
     list("motion", [["depth, reported", fixed(now.depth_mm, 3, "mm")], ["depth, commanded", fixed(now.commanded_mm, 3, "mm")],
       ["correction", now.resting ? "0 mm, dead band" : signed(now.correction_mm, 3, "mm")], ["travel", fixed(now.travel_mm, 1, "mm")],
-      ["stiffness", Number.isFinite(now.stiffness) ? `${Number(now.stiffness.toPrecision(3)).toLocaleString("en")} N/m` : "–"],
+      ["stiffness", Number.isFinite(now.stiffness) ? `${Number(now.stiffness.toPrecision(3)).toLocaleString("en").replace(/,/g, "\u202f")} N/m` : "–"],
       ...(now.cause || end || now.phase === "end" ? []   // the last cycle's verdict no longer applies
         : [["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]])]);
     const latency = now.latency;
