@@ -138,12 +138,12 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
             code, patience = INTERRUPTED, LEAVE_SECONDS
     else:
         lines += record
-    lines += [f"fault: {text}" for text in notes.faults]
-    if left:
-        lines.append(f"left: {left}")
     if result.outcome is Outcome.STOPPED:
         commands = session.places.next_commands(result.outcome, bool(notes.cycles), session.end.retracted)
         lines += [f"next: {command}" for _, command in commands]
+    lines += [f"fault: {text}" for text in notes.faults]
+    if left:
+        lines.append(f"left: {left}")
     if result.outcome is Outcome.STOPPED and notes.traces:
         errors[0] += "" if is_debug_requested() else "; --debug shows the traceback"
         errors = [*(text.rstrip() for text in notes.traces if is_debug_requested()), *errors]

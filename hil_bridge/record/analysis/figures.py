@@ -82,8 +82,8 @@ def concise(value: float | None, scale: float, form: str, unit: str) -> str:
     if value is None or not math.isfinite(value) or not form.endswith("f"):
         return quantity(value, scale, form, unit)
     head, _, places = form.removesuffix("f").partition(".")
-    whole = len(str(int(abs(round(value * scale, int(places))))).lstrip("0"))
-    return quantity(value, scale, f"{head}.{max(0, min(int(places), 3 - whole))}f", unit)
+    before = len(str(int(abs(round(value * scale, int(places))))).lstrip("0"))
+    return quantity(value, scale, f"{head}.{max(0, min(int(places), 3 - before))}f", unit)
 
 
 _CAMPAIGN, _CONTACT, _RUN = Group.CAMPAIGN, Group.CONTACT, Group.RUN

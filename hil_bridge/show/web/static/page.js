@@ -3,7 +3,7 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, KEEP_ROWS = 6000;
+  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, KEEP_ROWS = 6000, ROUNDED = 1e-4;
   const OUTCOMES = {completed: ["completed", ""], stopped: ["stopped", "alarm"], interrupted: ["ended by the operator", "caution"], gone: ["lost", "alarm"]};
   let charts = null, cell = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
   let end = null, said = [];   // how the run ended, if the page shows its end; sentences with which the page begins
@@ -172,7 +172,7 @@
     if (!scene) return;
     const now = update.now;
     if (update.end && $("outcome").hidden) ended(update.end);
-    end = update.end && (!playback || update.at >= playback.end) ? update.end : null;
+    end = update.end && (!playback || update.at >= playback.end * (1 - ROUNDED)) ? update.end : null;
     document.body.classList.toggle("ended", Boolean(end));
     document.body.classList.toggle("empty", Boolean(end) && now?.cycle === undefined);
     if (update.rows) { charts.append(update.rows); cell.rows(update.rows, update.start); }
