@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.figures import quantity
+from hil_bridge.record.analysis.figures import concise
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import why_values
 from hil_bridge.record.device_facts import devices_of
@@ -22,7 +22,7 @@ from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
 from hil_bridge.show.report.latency_section import latency_section
-from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows, table
+from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows
 from hil_bridge.show.report.sections import controller_section, stability_section
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
@@ -68,7 +68,7 @@ def page(recording: Recording, summary: Summary) -> str:
     thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
-    phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
+    phases = pairs((name, concise(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_point(recording, summary)}
 {room("run", charts, first=1)}{thinned}
 <div class="columns head"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section>
@@ -127,8 +127,8 @@ def _reason(recording: Recording, summary: Summary) -> str:
     left = "" if summary.outcome == Outcome.COMPLETED else summary.left
     parts = [
         f'<p class="point">{prose(reason.point)}</p>',
-        *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
-        f"<p>left: <strong>{prose(left)}</strong></p>" if left else "",
+        *(f"<p>Then: {prose(text)}</p>" for text in summary.followed),
+        f"<p>Tool: <strong>{prose(left)}</strong></p>" if left else "",
         detail if reason.fact else "",
     ]
     return "\n".join(filter(None, parts))
@@ -136,14 +136,8 @@ def _reason(recording: Recording, summary: Summary) -> str:
 
 def _events(recording: Recording) -> str:
     zero = start_time(recording)
-    event_table = table(
-        (
-            f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'
-            f"<td>{escape(event.text)}</td>"
-            for event in recording.events[:EVENTS_MAX]
-        ),
-        "narrow",
-    )
+    lines = ((f"{event.at - zero:.3f}", event.kind, event.text) for event in recording.events[:EVENTS_MAX])
+    event_table = cells(("time, s", "event", ""), lines, "narrow events")
     more = len(recording.events) - EVENTS_MAX
     return f'<div class="scroll">{event_table}</div>' + (
         f"<p>and {more} more in the recording</p>" if more > 0 else ""
