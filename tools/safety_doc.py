@@ -116,7 +116,7 @@ CASES = (
 )
 UNCOVERED = (
     Case("the sensor's Fz gives noise only", _all("signal", "dead")),
-    Case("the sensor's Fz tells a tenth", _all("signal", "scale", factor=0.1)),
+    Case("the sensor reports a tenth of Fz", _all("signal", "scale", factor=0.1)),
     Case("the sensor's Fz drifts by 2 N/s the wrong way", _all("signal", "drift", per_s=2.0)),
 )
 """Faults that pass all checks and stay within the limits."""

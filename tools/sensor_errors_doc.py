@@ -35,7 +35,7 @@ and would be refused.
 FAULTS: Mapping[str, Mapping[str, Any]] = {
     "gives noise only on Fz": {"fault": "dead", "with": {"axis": "fz"}},
     "repeats one sample": {"fault": "stuck", "with": {}},
-    "tells a tenth of Fz": {"fault": "scale", "with": {"axis": "fz", "factor": 0.1}},
+    "reports a tenth of Fz": {"fault": "scale", "with": {"axis": "fz", "factor": 0.1}},
     "drifts by 2 N/s the wrong way": {"fault": "drift", "with": {"axis": "fz", "per_s": 2.0}},
 }
 FAULT_ROBOTS = ("rtde", "rsi")

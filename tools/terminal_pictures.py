@@ -17,6 +17,7 @@ import hil_bridge
 from hil_bridge.record import EventKind, Recording
 from hil_bridge.record.analysis.summary import TRACK
 from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.terminal.model import Health, Scene, Snapshot, ViewModel
@@ -82,7 +83,7 @@ def snapshot_of(picture: Picture) -> Snapshot:
         cell=Setup(config).cell_name.words,
         devices=Setup(config).cell_name.devices,
         limits=config.limits,
-        record="runs/2026-11-23T10-12-31/run.mcap",
+        places=RunPlaces("runs/2026-11-23T10-12-31/run.mcap"),
         keys=True,
     )
     model = ViewModel(scene)

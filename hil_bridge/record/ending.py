@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import msgspec
 
-from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.causes import Cause, Reason, describe_lateness
 
 
 class Check(StrEnum):
@@ -125,7 +125,9 @@ def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
 
 
 def describe_end(end: Mapping[str, str]) -> dict[str, object]:
-    """Describe the end for a page: outcome, cause, tool position, consequences, and whether the tool was retracted."""
+    """Describe the end for a page: outcome, cause, remedy, tool position, consequences, and whether the tool was
+    retracted.
+    """
     reason = reason_of(end)
     try:
         rest = msgspec.json.decode(end.get("rest") or "{}", type=dict[str, object])
@@ -133,8 +135,10 @@ def describe_end(end: Mapping[str, str]) -> dict[str, object]:
         rest = {}
     return {
         "outcome": end.get("outcome", ""),
-        "cause": "" if reason is None else str(reason),
-        "left": end.get("left", ""),
+        "cause": "" if reason is None else reason.fact,
+        "late": "" if reason is None else describe_lateness(reason.late_s),
+        "remedy": "" if reason is None else reason.remedy,
+        "left": end.get("place", "") or end.get("left", ""),
         "retracted": retracted_in(rest),
-        "followed": [str(followed) for followed in followed_of(end)],
+        "followed": [followed.fact for followed in followed_of(end)],
     }

@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import Recording
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.steps import step_lines
 from hil_bridge.record.analysis.summary import Summary, summarise, target_force_text
 from hil_bridge.record.files import check_place, check_record_path
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.reader import dated
+from hil_bridge.settings.configuration import Config, load_config
 
 if TYPE_CHECKING:
     from hil_bridge.record import RunEnd
@@ -30,6 +33,8 @@ UNNAMED = "default"
 """Text that replaces the configuration's name in a folder's name if there is no name."""
 FREE_BYTES_MIN = 50_000_000
 """Minimum free space to start a recording, bytes. Chosen: half an hour with a 1 kHz sensor takes this much."""
+_OPERATORS_FILE = "CONFIG.toml"
+"""Placeholder for a configuration that the operator has to name."""
 _STAMP = re.compile(r"^\d{4}-\d\d-\d\d-\d{4}-\d\d-")
 """Pattern of the date and time at the start of a run folder's name."""
 _NAME_LENGTH = 80
@@ -93,6 +98,36 @@ def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
         )
     _check_space(Path(tempfile.gettempdir()) if record_folder is None else record_folder)
     return outputs
+
+
+def run_places(config: Config, outputs: Outputs, config_file: Path | None) -> RunPlaces:
+    """Return where a run leaves its recording, and how `hil-bridge free` reaches its tool afterwards."""
+    record = "" if outputs.temporary or outputs.record is None else format_path(outputs.record)
+    return RunPlaces(record, outputs.report is not None, _free_arguments(config, config_file))
+
+
+def _free_arguments(config: Config, config_file: Path | None) -> tuple[str, ...]:
+    """Return the arguments with which `hil-bridge free` uses the settings of a run; empty for an emulated cell, which
+    ends with its run.
+    """
+    if not (config.robot.url and config.sensor.url):
+        return ()
+    file = config_file if config_file is not None and config_file.suffix != ".mcap" else None
+    try:
+        known = load_config(file, {})
+    except ConfigError:  # the file has changed since
+        return (_OPERATORS_FILE,)
+    if (known.frame, known.task.retract_mm) != (config.frame, config.task.retract_mm):
+        return (_OPERATORS_FILE,)  # there is no option for these
+    options = [
+        ("--robot", known.robot.url, config.robot.url),
+        ("--sensor", known.sensor.url, config.sensor.url),
+        ("--tool-mass-kg", known.tool.mass_kg, config.tool.mass_kg),
+    ]
+    given = [
+        (option, str(value)) for option, before, value in options if value != before and value is not None
+    ]
+    return (*(() if file is None else (str(file),)), *(text for pair in given for text in pair))
 
 
 @contextmanager

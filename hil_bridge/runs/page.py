@@ -8,6 +8,7 @@ from typing import Any
 from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord, EventKind, RunEnd
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.topics import RECORDS
 from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.notes import Notes
@@ -24,9 +25,8 @@ from hil_bridge.show.web.feed import Feed
 class Page:
     """Watcher that sends data to the page. The run never waits for it."""
 
-    def __init__(self, feed: Feed, notes: Notes, record: str) -> None:
-        """Create the watcher. `record` is the name of the recording if it is kept; otherwise empty."""
-        self._feed, self._notes, self._record = feed, notes, record
+    def __init__(self, feed: Feed, notes: Notes, places: RunPlaces) -> None:
+        self._feed, self._notes, self._places = feed, notes, places
         self._run: Running | None = None
 
     @property
@@ -54,7 +54,7 @@ class Page:
     def begin(self, run: Running) -> None:
         """Mark the devices of the run as open."""
         self._run = run
-        scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, self._places)
         config = run.setup.config
         model = model_of(config, planned_places(config, run.run.legs))
         self._feed.begin(scene, run.clock.wall_ns(0.0), model)
@@ -72,7 +72,7 @@ class Page:
             lambda: stopping.end_by_hand(Cause.PAGE, "requested the end on the page in the browser"),
             lambda text: log.notice(EventKind.WEB, f"{text}; the run continues"),
         )
-        feed.begin(scene_of(setup, setup.facts, (), self._record), clock.wall_ns(0.0))
+        feed.begin(scene_of(setup, setup.facts, (), self._places), clock.wall_ns(0.0))
         terminal.out.say(f"page: {feed.url}")
 
         async def pulses() -> None:

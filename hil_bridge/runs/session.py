@@ -17,15 +17,15 @@ from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
 from hil_bridge.errors.failures import last_line
-from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import CycleRecord, EventKind, Outcome, Recorder, RunEnd
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.kept import READ_RECORDS, KeptRecords
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.reader import Recording, read
 from hil_bridge.record.recorder import REAL_TIME, VIRTUAL, map_buffers
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.notes import Notes
-from hil_bridge.runs.outputs import Outputs, record_path, settle_outputs, write_outputs
+from hil_bridge.runs.outputs import Outputs, record_path, run_places, settle_outputs, write_outputs
 from hil_bridge.runs.page import Page
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
@@ -77,6 +77,7 @@ def execute(
             kept = replace(outputs, record=path, temporary=outputs.record is None)
             session = Session(setup, kept, terminal, signals)
             session.show_view, session.feed, session.cell = views.terminal, feed, cell
+            session.places = run_places(setup.config, kept, config_file)
             awake_s = setup.config.realtime.busy_poll_ms * 1e-3
             try:
                 main, stray = session.main, session.take_stray
@@ -137,6 +138,9 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
             code, patience = INTERRUPTED, LEAVE_SECONDS
     else:
         lines += record
+    if result.outcome is Outcome.STOPPED:
+        commands = session.places.next_commands(result.outcome, bool(notes.cycles), session.end.retracted)
+        lines += [f"next: {command}" for _, command in commands]
     lines += [f"fault: {text}" for text in notes.faults]
     if left:
         lines.append(f"left: {left}")
@@ -157,6 +161,7 @@ class Session:
         self._setup, self._outputs, self._path = setup, outputs, outputs.record
         self.terminal, self.signals, self.notes = terminal, signals, Notes()
         self.show_view = False
+        self.places = RunPlaces()
         self.feed: Feed | None = None
         """Feed of the page in the browser."""
         self.cell: Cell[Any, Any] | None = None
@@ -191,9 +196,8 @@ class Session:
         clock, setup = Clock.running(), self._setup
         map_buffers()
         recorder = self._record(clock)
-        record = "" if self._outputs.temporary else format_path(self._path)
         view = TerminalView(self.terminal, self.show_view, clock.is_virtual)
-        page = None if self.feed is None else Page(self.feed, self.notes, record)
+        page = None if self.feed is None else Page(self.feed, self.notes, self.places)
         watchers = (recorder, self.notes, None if clock.is_virtual else view, page, self._kept)
         log = RunLog(clock, [watcher for watcher in watchers if watcher is not None])
         log.with_true_states = not self._outputs.only_figures or page is not None
@@ -213,7 +217,7 @@ class Session:
                     self.terminal.out.say(setup.remark)
                 if page is not None:
                     page.begin(run)
-                async with view.showing(run, stopping, record):
+                async with view.showing(run, stopping, self.places):
                     return await run()
 
         try:

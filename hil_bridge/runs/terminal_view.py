@@ -11,6 +11,7 @@ from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.record.ending import Check
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.stopping import Stopping
@@ -69,9 +70,8 @@ class TerminalView(Listener):
             self._view.warn(text)
 
     @asynccontextmanager
-    async def showing(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
-        """Show the live view of a run, drawn by the screen's thread. `record` is the name of the recording if it is
-        kept.
+    async def showing(self, run: Running, stopping: Stopping, places: RunPlaces) -> AsyncIterator[None]:
+        """Show the live view of a run, drawn by the screen's thread.
 
         Nothing waits for the terminal: the loop continues if the terminal is paused or closed.
         """
@@ -81,7 +81,7 @@ class TerminalView(Listener):
             return
         from hil_bridge.show.terminal.live import LiveView
 
-        scene = scene_of(run.setup, run.facts, run.run.legs, record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, places)
         view = self._view = LiveView(scene, screen.stream)
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)
         try:

@@ -10,6 +10,7 @@ from hil_bridge.console import keys
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
@@ -47,8 +48,8 @@ def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
         feed.close()
 
 
-def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) -> Scene:
-    """Return the facts of a run that its views show. `record` is the name of the recording; empty if there is none."""
+def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], places: RunPlaces) -> Scene:
+    """Return the facts of a run that its views show."""
     config = setup.config
     cell = setup.cell_name
     return Scene(
@@ -64,7 +65,7 @@ def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) 
         real=cell.real,
         limits=config.limits,
         approach=config.frame.approach,
-        record=record,
+        places=places,
         keys=keys.is_interactive(),
     )
 

@@ -1,6 +1,7 @@
 """Page of a campaign, saved and in the browser, and its runs as a table."""
 
 import csv
+import json
 import math
 import re
 import sqlite3
@@ -15,12 +16,15 @@ from click.testing import CliRunner
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign import live
+from hil_bridge.lab.campaign.digest import worst_first
 from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
 from hil_bridge.lab.commands.campaign import campaign
+from hil_bridge.record import read
+from hil_bridge.show.charts.cell import cell_picture
 from tests.campaign.study import STUDY, changed, study
 
 
@@ -88,7 +92,18 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     assert '<b class="good">4</b> passed' in text
     assert '<b class="bad">4</b> failed' in text
     assert "<b>0</b> errors" in text
-    assert text.index("Each case of the matrix") < text.index("Criteria") < text.index("Worst runs first")
+    assert (
+        '<p class="point">2 of 4 cases have failed runs; every failed run missed <code>outcome completed</code>.'
+        in text
+    )
+    headings = (
+        "Each case of the matrix",
+        "The worst run",
+        "3 more that failed",
+        "Criteria",
+        "Never exercised",
+    )
+    assert sorted(headings, key=text.index) == [*headings]
     assert f'<td class="value">{gethostname()}</td>' in text
     assert f"Python {python_version()}" in text
     assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
@@ -109,10 +124,44 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     assert CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)]).exit_code == 0
     linked = _Tags()
     linked.feed(out.read_text())
-    assert len(linked.links) == 4
-    assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
+    assert linked.links[0] == "#worst-cell"
+    assert len(linked.links) == 5
+    assert all((tmp_path / link).is_file() for link in linked.links[1:])  # relative to the page
     with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)], catch_exceptions=False)
+
+
+def test_page_draws_worst_run_from_its_recording(results: Path, tmp_path: Path) -> None:
+    with Store.open(results) as store:
+        plain, text = page(store), page(store, tmp_path / "page.html")
+        key, recording = store.fact("worst"), worst_first(store.runs())[0].recording
+        times = cell_picture(read(store.folder / recording))["rows"]["cycle"]["x"]
+    assert key == "", "a campaign is no hunt"
+    assert "data-cell=" not in plain
+    assert json.loads(re.findall(r'id="data-cell">(.*)</script>', text)[0])["rows"]["cycle"]["x"] == times
+    assert "From the recording of the run." in text
+    assert len(text) - len(plain) < 250_000
+
+
+def test_page_repeats_hardest_run_without_recording(results: Path, tmp_path: Path) -> None:
+    passed = changed(results, tmp_path / "passed.sqlite", "DELETE FROM runs WHERE NOT passed")
+    altered = changed(
+        results,
+        tmp_path / "altered.sqlite",
+        "DELETE FROM runs WHERE NOT passed",
+        "UPDATE runs SET figures = json_set(figures, '$.cycles', 1)",
+    )
+    slow = changed(
+        results, tmp_path / "slow.sqlite", "DELETE FROM runs WHERE NOT passed", "UPDATE runs SET wall_s = 99"
+    )
+    texts = []
+    for path in (passed, altered, slow):
+        with Store.open(path) as store:
+            texts.append(page(store, tmp_path / "page.html"))
+    assert "Every run met every criterion; the largest true force was" in texts[0]
+    assert "The run was repeated for this picture; all figures are the same." in texts[0]
+    assert "The run was repeated for this picture; figures that differ from the results: 1." in texts[1]
+    assert "data-cell=" not in texts[2], "a run of 99 s is not repeated for a picture"
 
 
 def test_page_without_recordings_shows_cause(results: Path, tmp_path: Path) -> None:

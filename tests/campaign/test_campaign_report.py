@@ -75,7 +75,7 @@ def test_text_report_starts_with_matrix(short_results: Path) -> None:
         digest = digest_of(store)
         assert list(text_report(digest)) == lines
     worst = next(line for line in lines if digest.failing[0].key in line)
-    assert worst.endswith("outcome stopped, wanted completed")
+    assert worst.endswith("outcome stopped, required completed")
     assert not (short_results.parent / "short.html").exists()
 
 
@@ -117,7 +117,7 @@ def test_junit_has_one_test_case_per_run(short_results: Path, tmp_path: Path) ->
         failure = case.find("failure")
         assert (failure is None) == run.passed
         if failure is not None:
-            assert failure.get("message") == "outcome stopped, wanted completed"
+            assert failure.get("message") == "outcome stopped, required completed"
             assert f"campaign rerun short.sqlite {run.key}" in (failure.text or "")
 
 
@@ -184,7 +184,7 @@ def test_campaign_writes_reports_and_lists_worst_runs(short_results: Path, tmp_p
     ended = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
     assert ended.exit_code == 4
     assert "has 8 of them already" in ended.output
-    assert ended.output.count("  outcome stopped, wanted completed\n") == 4
+    assert ended.output.count("  outcome stopped, required completed\n") == 4
     assert ElementTree.parse(tmp_path / "a.xml").getroot().get("failures") == "4"
     with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)

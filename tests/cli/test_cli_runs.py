@@ -126,7 +126,7 @@ def test_run_reports_device_failure_before_first_cycle(hil: Command, monkeypatch
     monkeypatch.setattr(Sampler, "take", fail)
     code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--report", "rep", "--summary", "s.json")
     assert (code, errors) == (3, "hil-bridge: stopped: the robot said no\n")
-    assert output == "stopped\nrecord: r.mcap\nleft: retracted, 0.0 N\n"
+    assert output == "stopped\nrecord: r.mcap\nnext: hil-bridge why r.mcap\nleft: retracted, 0.0 N\n"
 
 
 def test_stopped_run_reports_cause_and_writes_outputs(hil: Command) -> None:
@@ -135,7 +135,9 @@ def test_stopped_run_reports_cause_and_writes_outputs(hil: Command) -> None:
     assert code == 3
     assert errors.startswith("hil-bridge: stopped: no contact found within 1 mm: ")
     assert output.startswith("stopped\n")
-    assert output.endswith("report: rep/report.html\nleft: retracted, 0.0 N\n")
+    *_, report, command, left = output.splitlines()
+    assert (report, left) == ("report: rep/report.html", "left: retracted, 0.0 N")
+    assert command.startswith("next: hil-bridge why runs/")
     assert json.loads(Path("s.json").read_text())["text"].startswith("no contact found within 1 mm")
 
 

@@ -268,11 +268,13 @@ def test_fault_does_not_excuse_false_retraction_report(healthy: Evidence, on: st
     assert {Promise.END, Promise.LAST_LINE} <= violations
 
 
-def test_surface_after_newest_frame_is_no_violation(healthy: Evidence) -> None:
+@pytest.mark.parametrize(("on", "name"), [("surface", "swings"), ("obstacle", "above")])
+def test_touch_after_newest_frame_is_no_violation(healthy: Evidence, on: str, name: str) -> None:
+    """A surface that swings, and a tool that bounces off an obstacle."""
     assert healthy.trace is not None
     pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
-    oscillating = faulted(pressed, {"on": "surface", "fault": "swings", "phase": "track"})
-    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(oscillating)}
+    touched = faulted(pressed, {"on": on, "fault": name, "phase": "track"})
+    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(touched)}
 
 
 def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:
@@ -281,6 +283,18 @@ def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:
     assert healthy.trace.positions is not None
     sagging = replace(healthy.trace, positions=healthy.trace.positions - [0.0, 0.0, 5e-3])
     assert Promise.LAST_LINE not in {one.promise for one in broken_promises(replace(healthy, trace=sagging))}
+
+
+@pytest.mark.parametrize(("force_n", "is_violation"), [(60.0, False), (0.0, True)])
+def test_deflection_under_contact_force_is_no_false_depth(
+    healthy: Evidence, force_n: float, is_violation: bool
+) -> None:
+    """The encoders do not measure it."""
+    trace, depth_m = healthy.trace, json.loads(healthy.recording.end["rest"])["depth_m"]
+    assert trace is not None
+    pressed = traced(healthy, forces=np.full(len(trace.forces), force_n))
+    violations = broken_promises(rest(pressed, force_n=force_n, depth_m=depth_m - 4e-3, retracted=False))
+    assert any(one.promise is Promise.LAST_LINE for one in violations) == is_violation
 
 
 def test_surface_that_comes_to_resting_tool_is_no_false_end(healthy: Evidence) -> None:

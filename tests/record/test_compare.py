@@ -61,16 +61,35 @@ def test_compare_aligns_runs_at_contact() -> None:
         {"value": 50.0, "label": "force limit"},
     ]
     rows = re.findall(
-        r"<tr><td>([\w.]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("Settings")[2]
+        r"<tr><td>([\w.]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("How they ended")[0]
     )
-    assert [row[0] for row in rows] == ["more", "run.seed"], "equal values are omitted"
-    assert rows[1][1:] == ("1", "2")
+    assert [row[0] for row in rows] == ["run.seed", "more"], "equal values are omitted"
+    assert rows[0][1:] == ("1", "2")
     from_begin = json.loads(
         re.findall(
             r'id="data-runs">(.*?)</script>', compare_page({"a": first, "b": second}, BEGIN), re.DOTALL
         )[0]
     )
     assert from_begin["sources"]["run1"]["x"][0] == pytest.approx(0.05)
+
+
+def test_compare_begins_with_settings_and_outcomes() -> None:
+    first = run(9.0, 20, {"run": {"seed": 1}, "task": {"force_n": 9.0}})
+    second = run(9.0, 20, {"run": {"seed": 2}, "task": {"force_n": 9.0}, "cell": {"new": 1}})
+    page = compare_page({"a": first, "b": second})
+    parts = (
+        "runs completed; <code>run.seed</code> differs.</p>",
+        "<td>run.seed</td><td>1</td><td>2</td>",
+        '<details class="fold"><summary><h2>Settings that only some runs have: 1</h2></summary>',
+        "<td>cell.new</td><td>–</td><td>1</td>",
+        "<td>outcome</td>",
+        '<td class="quiet">overshoot</td>',
+        'data-charts="data-runs" data-first="1"',
+        '<details class="fold"><summary><h2>Other figures</h2></summary>',
+        '<td class="quiet">mean contact force</td>',
+    )
+    assert sorted(parts, key=page.index) == [*parts]
+    assert "no setting differs" in compare_page({"a": first, "b": first})
 
 
 def test_compare_names_are_short_and_unique() -> None:

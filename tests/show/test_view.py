@@ -16,6 +16,7 @@ from hil_bridge.control import Limits
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.record import CycleRecord, EventKind, EventRecord
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.terminal_view import TerminalView
 from hil_bridge.runs.views import scene_of
@@ -124,7 +125,7 @@ def test_scene_of_program_lists_tracking_steps() -> None:
     path = {"kind": "line", "length_mm": 5.0}
     steps = [{"do": "approach"}, {"do": "track", "path": path}, {"do": "retract"}]
     setup = Setup(read_config({"task": {"step": steps}}))
-    scene = scene_of(setup, ROBOT, setup.loop.program.row.legs, "")
+    scene = scene_of(setup, ROBOT, setup.loop.program.row.legs, RunPlaces())
     assert scene.steps == ("1 (approach)", "2 (track)", "3 (retract)")
     assert scene.chart_facts.tracks == {2}
     assert scene.total_s is None
@@ -259,7 +260,14 @@ def test_panel_labels_missing_packets_by_wire(errors: tuple[str, ...], label: st
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_panel_of_every_size_shows_essential_values(width: int, height: int) -> None:
     scene = Scene(
-        50.0, ROBOT, 30.0, cell="REAL", devices="s3, gateway", real=True, record="runs/a/run.mcap", keys=True
+        50.0,
+        ROBOT,
+        30.0,
+        cell="REAL",
+        devices="s3, gateway",
+        real=True,
+        places=RunPlaces("runs/a/run.mcap"),
+        keys=True,
     )
     view = ViewModel(scene)
     view.snapshot(100.0, Health())

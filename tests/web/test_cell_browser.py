@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.charts.facts import start_time
+from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import cell_page
 from tests.near_surface import CLOSE, merged
 from tests.recordings import Recordings
@@ -100,6 +102,22 @@ async def test_scene_without_webgl_is_a_picture(page: Page, saved: Path) -> None
     kind, count = await page.value(PLAIN)
     assert kind == "plain"
     assert count > 40, "a background alone has one colour"
+    assert page.errors == []
+
+
+async def test_folded_scene_is_drawn_when_link_opens_it(
+    page: Page, recordings: Recordings, tmp_path: Path
+) -> None:
+    room = cell_room(cell_picture(recordings(RUN)))
+    body = f'<a href="#here">open</a><details><summary>cell</summary><div id="here">{room}</div></details>'
+    path = tmp_path / "folded.html"
+    path.write_text(document("folded", body, charts=False, cell=True))
+    await page.open(path.as_uri())
+    await page.until("document.readyState === 'complete'")
+    assert await page.value("document.querySelectorAll('canvas').length") == 0
+    await page.value("document.querySelector('a').click()")
+    await page.until(DRAWN)
+    assert await page.value("hilCell.canvas.width") > 300
     assert page.errors == []
 
 

@@ -42,7 +42,13 @@ def test_slider_reaches_every_moment(recording: Recording) -> None:
     assert source.updates(cursor) is None  # until a request arrives
     assert len(complete["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert complete["end"]["outcome"] == "stopped"
-    assert complete["end"]["cause"] == str(reason_of(recording.end))
+    reason = reason_of(recording.end)
+    assert reason is not None
+    assert (complete["end"]["cause"], complete["end"]["remedy"]) == (reason.fact, reason.remedy)
+    assert [command for _, command in complete["end"]["next"]] == [
+        "hil-bridge why run.mcap",
+        "hil-bridge report run.mcap",
+    ]
     assert complete["scene"]["cell"].startswith("EMULATED")
     began = min(recording.cycles[0].started_at, recording.events[0].at)
     for cycle in recording.cycles[:: len(recording.cycles) // 7]:

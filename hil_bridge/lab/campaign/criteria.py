@@ -34,12 +34,12 @@ class Unmet:
     """Key of the figure."""
     value: str
     """Value of the figure, with its unit."""
-    wanted: str
+    required: str
 
     @property
     def text(self) -> str:
-        """Unmet criterion as one line of text, such as `overshoot 17.3 %, wanted below 10`."""
-        return f"{FIGURES[self.figure].words} {self.value}, wanted {self.wanted}"
+        """Unmet criterion as one line of text, such as `overshoot 17.3 %, required below 10`."""
+        return f"{FIGURES[self.figure].words} {self.value}, required {self.required}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,18 +27,18 @@ from hil_bridge.lab.campaign.report_text import Section, criteria_section, figur
 from hil_bridge.lab.campaign.run_text import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Done, Store
+from hil_bridge.lab.campaign.worst import recording_of, worst_run
 from hil_bridge.record import read
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.analysis.why import why
-from hil_bridge.show.pages import document
+from hil_bridge.show.charts.cell import cell_picture
+from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.markup import cells, pairs, prose
+from hil_bridge.show.report.markup import cells, fold, pairs, prose
 
-WORST, OPEN = 30, 5
-"""Maximum number of failed runs listed individually, worst first, and how many of them are initially expanded.
-Chosen: nobody reads more.
-"""
+WORST = 30
+"""Maximum number of failed runs listed individually, worst first. Chosen: nobody reads more."""
 REPORT_NAME = "report.html"
 HARDEST = 10
 """Maximum number of passed runs listed, largest true force first. Chosen."""
@@ -46,10 +46,10 @@ HARDEST = 10
 
 def page(store: Store, place: Path | None = None) -> str:
     """Render the page of the runs stored so far. `place` is the path of the page, for links to recordings; None
-    omits the links.
+    omits the links, and the worst run in three dimensions.
     """
-    folder = None if place is None else place.parent
-    return document(page_title(store.plan()), PageBody(folder).render(store), charts=False)
+    body = PageBody(None if place is None else place.parent).render(store)
+    return document(page_title(store.plan()), body, charts=False, cell="data-cell=" in body)
 
 
 def report_place(store: Store, run: Done) -> Path:
@@ -86,7 +86,9 @@ class PageBody:
     """Renderer for the body of a campaign's page. It runs once for a file, and repeatedly for a live page."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Create a renderer. `folder` is the folder of the page, for links to recordings; None omits the links."""
+        """Create a renderer. `folder` is the folder of the page, for links to recordings; None omits the links, and
+        the worst run in three dimensions.
+        """
         self._folder = folder
         self._reasons: dict[str, str] = {}
         """Cache of the explanations from `why`, by key of the run, since a recording no longer changes."""
@@ -94,56 +96,64 @@ class PageBody:
     def render(self, store: Store) -> str:
         """Render the body for the runs stored so far. Raises ConfigError for a damaged file."""
         plan, runs = store.plan(), list(store.runs())
-        tally, hunted = tally_of(runs), _render_hunt(store, plan)
+        tally, hunted, worst = tally_of(runs), _render_hunt(store, plan), worst_run(store, runs)
         planned = tally.total if hunted else plan.count
-        return f"""{_head(plan, tally, planned)}
+        others = [run for run in worst_first(runs) if worst is None or run.key != worst.key]
+        cell = self._cell(store, worst)
+        shortcut = ' <a href="#worst-cell">See the worst run in three dimensions.</a>' if cell else ""
+        return f"""{_head(plan, tally)}
+<p class="point">{prose(point(plan, runs))}{shortcut}</p>
+{_counts(tally, planned)}
 <h2>Each case of the matrix</h2>
+{matrix(plan, runs)}
 <p class="quiet">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
 cannot have, a question mark a case without a run.</p>
-{matrix(plan, runs)}
-<h2>When, where and how fast</h2>{pairs(facts_of(store, plan, runs), "facts")}
-{hunted}
+{hunted or self._worst(store, plan, worst)}{cell}
+{fold(self._others(store, plan, others), "more-failed")}
 {_section(criteria_section(criterion_results(plan, runs)))}
-<h2>Worst runs first</h2>{self._worst(store, plan, runs)}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}
-{_section(figures_section(figure_results(plan, runs)))}
-{_render_injections(plan, runs)}
-<h2>How runs ended</h2>{_endings(runs)}
-<h2>Never exercised</h2>{_never(plan, runs)}"""
+{fold(_section(figures_section(figure_results(plan, runs))), "figures")}
+{fold(_hardest(store, plan, runs), "hardest")}
+{fold(_render_injections(plan, runs), "injections")}
+{fold(f"<h2>How runs ended</h2>{_endings(runs)}", "endings")}
+{fold(f"<h2>Never exercised</h2>{_never(plan, runs)}", "never")}
+{fold(f"<h2>When, where and how fast</h2>{pairs(facts_of(store, plan, runs), 'facts')}", "facts")}"""
 
-    def _worst(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
-        """Render the failed runs by number of unmet criteria and true force, then the passed runs by true force."""
-        failing = worst_first(runs)
-        articles = "".join(self._failing(store, plan, run) for run in failing[:OPEN])
-        if more := "".join(self._failing(store, plan, run) for run in failing[OPEN:WORST]):
-            note = f"{len(failing) - OPEN} more that failed" + (
-                f", the first {WORST - OPEN} of them" * (len(failing) > WORST)
-            )
-            articles += f'<details id="more-failed"><summary>{note}</summary>{more}</details>'
-        hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
-        lines = [
-            (
-                f"{true_force(run):.1f} N",
-                f"{run.seed}",
-                plan.cases[run.number].cell,
-                faults_of_run(plan.cases[run.number], run),
-                run.key,
-            )
-            for run in hardest
-        ]
-        passing = cells(("largest true force", "seed", "cell", "fault", "key"), lines, "wide")
-        intro = f"<p>Passed runs with the largest true force; {_command(store, 'KEY')} repeats one.</p>"
-        return f'{articles or "<p>Every run met its criteria.</p>"}{intro}<div class="scroll">{passing}</div>'
+    def _worst(self, store: Store, plan: Plan, run: Done | None) -> str:
+        """Render the worst run; empty without a run."""
+        if run is None:
+            return ""
+        if not run.passed:
+            return f"<h2>The worst run</h2>{self._failing(store, plan, run)}"
+        text = f"{plan.cases[run.number].cell}; fault {faults_of_run(plan.cases[run.number], run)}; seed {run.seed}"
+        command = _command(store, run.key)
+        return f"<h2>Largest true force: {true_force(run):.1f} N</h2><p>{escape(text)}. Repeat it with {command}</p>"
+
+    def _cell(self, store: Store, run: Done | None) -> str:
+        """Render the worst run in three dimensions, which the reader opens; empty without a recording."""
+        source = None if run is None or self._folder is None else recording_of(store, run)
+        if source is None or not source.recording.cycles:
+            return ""
+        return (
+            '<details class="open-cell"><summary>Show this run in three dimensions</summary><div id="worst-cell">'
+            f'{cell_room(cell_picture(source.recording))}</div><p class="quiet">{source.origin}</p></details>'
+        )
+
+    def _others(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
+        """Render the other failed runs, worst first; empty if there are none."""
+        articles = "".join(self._failing(store, plan, run) for run in runs[: WORST - 1])
+        part = f", the worst {WORST - 1} of them" * (len(runs) >= WORST)
+        return f"<h2>{len(runs)} more that failed{part}</h2>{articles}" if articles else ""
 
     def _failing(self, store: Store, plan: Plan, run: Done) -> str:
         case = plan.cases[run.number]
         ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
-        unmet = [(FIGURES[one.figure].words, one.value, one.wanted) for one in unmet_by(plan, run)]
+        unmet = [(FIGURES[one.figure].words, one.value, one.required) for one in unmet_by(plan, run)]
         return (
             f"<article><p><strong>{escape(case.cell)}</strong>; fault {escape(faults_of_run(case, run))};"
             f" seed {run.seed}</p>"
-            f"{cells(('not met', 'value', 'wanted'), unmet, 'narrow unmet')}"
+            f"{cells(('not met', 'value', 'required'), unmet, 'narrow unmet')}"
             f"{_render_drawn(run)}"
             f"<p>{prose(self._why(store, run) or ended)}</p>"
             f'<p class="quiet">{self._recording(store, run)}Largest true force {true_force(run):.1f} N. '
@@ -179,12 +189,38 @@ cannot have, a question mark a case without a run.</p>
         return self._reasons[run.key]
 
 
-def _head(plan: Plan, tally: Tally, planned: int) -> str:
-    """Render name, verdict and counts of the campaign."""
+def point(plan: Plan, runs: Sequence[Done]) -> str:
+    """Return in one sentence what the runs show, with the criterion that most failed runs missed."""
+    if not runs:
+        return "No run has been executed yet."
+    failed = [run for run in runs if not run.passed]
+    if not failed:
+        hardest = max(map(true_force, runs))
+        return f"Every run met every criterion; the largest true force was {hardest:.1f} N."
+    cases = len({run.number for run in failed})
+    where = f"{cases} of {len(plan.possible)} cases have failed runs"
+    unmet = max(criterion_results(plan, runs), key=lambda one: one.not_met, default=None)
+    if unmet is None or not unmet.not_met:
+        return f"{where}."
+    share = "every" if unmet.not_met == len(failed) else f"{unmet.not_met} of"
+    of_runs = "failed run" if unmet.not_met == len(failed) else f"{len(failed)} failed runs"
+    return f"{where}; {share} {of_runs} missed `{unmet.criterion}`."
+
+
+def _head(plan: Plan, tally: Tally) -> str:
+    """Render name and verdict of the campaign."""
     bad = tally.failed + tally.errors
     style, outcome = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
     if not tally.total:
         style, outcome = "plain", "no run yet"
+    return (
+        f'<header class="headline"><h1>{escape(page_title(plan))}</h1>'
+        f'<span class="badge {style}">{outcome}</span></header>'
+    )
+
+
+def _counts(tally: Tally, planned: int) -> str:
+    """Render the counts of the campaign, and its progress."""
     counts = (
         ("passed", tally.passed, ' class="good"'),
         ("failed", tally.failed, ' class="bad"'),
@@ -193,16 +229,16 @@ def _head(plan: Plan, tally: Tally, planned: int) -> str:
     summary = " ".join(
         f"<span><b{colour * bool(count)}>{count}</b> {name}</span>" for name, count, colour in counts
     )
+    bad = tally.failed + tally.errors
     good, wrong = (f"{100 * count / max(planned, 1):.2f}" for count in (tally.passed, bad))
     bars = (
         f'<rect class="good" width="{good}" height="1"></rect>'
         f'<rect class="bad" x="{good}" width="{wrong}" height="1"></rect>'
     )
     return (
-        f'<header class="headline"><h1>{escape(page_title(plan))}</h1>'
-        f'<span class="badge {style}">{outcome}</span></header>\n<p class="tally">{summary}</p>\n'
         '<svg class="progress" viewBox="0 0 100 1" preserveAspectRatio="none" role="img"'
-        f' aria-label="runs done">{bars}</svg>\n<p>{tally.total} of {planned} runs done.</p>'
+        f' aria-label="runs done">{bars}</svg>\n<p class="tally">{summary}'
+        f' <span class="quiet">{tally.total} of {planned} runs done</span></p>'
     )
 
 
@@ -229,6 +265,28 @@ def _render_hunt(store: Store, plan: Plan) -> str:
             lines = "<br>".join(map(escape, describe_run(plan, run, label)))
             parts.append(f"<article><p>{lines}</p><p>{_command(store, run.key)}</p></article>")
     return f"<h2>Result of the hunt</h2>{''.join(parts)}" if parts else ""
+
+
+def _hardest(store: Store, plan: Plan, runs: Sequence[Done]) -> str:
+    """Render the passed runs with the largest true force; empty if no run passed."""
+    hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
+    lines = [
+        (
+            f"{true_force(run):.1f} N",
+            f"{run.seed}",
+            plan.cases[run.number].cell,
+            faults_of_run(plan.cases[run.number], run),
+            run.key,
+        )
+        for run in hardest
+    ]
+    table = cells(("largest true force", "seed", "cell", "fault", "key"), lines, "wide")
+    return (
+        "<h2>Passed runs with the largest true force</h2>"
+        f'<p>{_command(store, "KEY")} repeats one.</p><div class="scroll">{table}</div>'
+        if lines
+        else ""
+    )
 
 
 def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:

@@ -11,7 +11,10 @@ from hil_bridge.lab.campaign.digest import NUMBERS, values_of
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done
 from hil_bridge.record.analysis.figures import FIGURES
+from hil_bridge.show.pages.svg import number
 
+_COUNT_MOST = 1e6
+"""Value below which an integer is displayed with all its digits. Chosen."""
 BINS = 40
 """Number of bars of a histogram. Chosen."""
 _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
@@ -53,12 +56,18 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
     low, high = finite[0], finite[-1]
     median, late = statistics.median(finite), finite[math.ceil(0.99 * len(finite)) - 1]
     counts = f"{len(finite)} runs" + (f", and {endless} without an end" if endless else "")
-    allowed = "".join(f"; wanted {_bound_text(word, bound)}" for word, bound in bounds.items())
-    numbers = f"median {median:.4g}, 99 % ≤ {late:.4g}, least {low:.4g}, largest {high:.4g}{allowed}"
+    allowed = "".join(f"; required: {_bound_text(word, bound)}" for word, bound in bounds.items())
+    named = (("median", median), ("99 % ≤", late), ("least", low), ("largest", high))
+    numbers = ", ".join(f"{name} {_number(value)}" for name, value in named) + allowed
     return (
         f"<figure><figcaption>{title}</figcaption>{_Histogram(key, finite, bounds).draw()}"
         f"<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
+
+
+def _number(value: float) -> str:
+    """Format a value with three significant digits; a count, exactly."""
+    return number(value if value == round(value) and abs(value) < _COUNT_MOST else float(f"{value:.3g}"), 6)
 
 
 def _bound_text(word: str, bound: float) -> str:
@@ -105,12 +114,12 @@ class _Histogram:
         for place, count in sorted(counts.items()):
             height = max(1.5, (_HEIGHT - 8) * count / top)
             first = low + place * span / BINS
-            title = f"{count} runs from {first:.4g} to {first + span / BINS:.4g}"
+            title = f"{count} runs from {_number(first)} to {_number(first + span / BINS)}"
             parts.append(
                 f'<rect x="{place * width:.1f}" y="{_HEIGHT - height:.1f}" width="{width - 1:.1f}"'
                 f' height="{height:.1f}"><title>{title}</title></rect>'
             )
         foot = _HEIGHT + _FOOT - 3
-        parts.append(f'<path d="M0 {_HEIGHT}H{_WIDTH}"/><text x="0" y="{foot}">{low:.4g}</text>')
-        parts.append(f'<text x="{_WIDTH}" y="{foot}" text-anchor="end">{self._high:.4g}</text>')
+        parts.append(f'<path d="M0 {_HEIGHT}H{_WIDTH}"/><text x="0" y="{foot}">{_number(low)}</text>')
+        parts.append(f'<text x="{_WIDTH}" y="{foot}" text-anchor="end">{_number(self._high)}</text>')
         return parts

@@ -9,7 +9,7 @@ from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Tre
 from hil_bridge.lab.text_tables import aligned
 from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
-from hil_bridge.show.report.markup import across, cells
+from hil_bridge.show.report.markup import across, cells, fold
 
 SERIES_MOST = 8
 """Maximum number of cells in a chart. Chosen: the number of distinguishable colours."""
@@ -72,7 +72,7 @@ its probability, adjusted after Holm for the number of tests, is below {trend.le
 <h2>Figures that differ</h2>
 <p class="quiet">Medians of each cell, the most significant first; Mann-Whitney test.</p>
 {_figure_table(trend, names)}
-<h2>The results</h2>{cells(("", *names), sides, "narrow")}"""
+{fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
 
 

@@ -58,6 +58,7 @@ def _complete_scenarios(context: click.Context, parameter: click.Parameter, begu
 )
 @click.option("--junit", type=FILE, metavar="FILE.xml", help="Write the verdicts as JUnit XML.")
 @click.option("--json", "json_file", type=FILE, metavar="FILE.json", help="Write verdicts and evidence.")
+@click.option("--page", type=FILE, metavar="FILE.html", help="Write a page with a time line of each failure.")
 @click.option("--rules", "show_rules", is_flag=True, help="Print the rules and their defaults, and exit.")
 @overwrite_option
 def conform(
@@ -72,6 +73,7 @@ def conform(
     takes_zero: bool,
     junit: Path | None,
     json_file: Path | None,
+    page: Path | None,
     show_rules: bool,
     overwrite: bool,
 ) -> None:
@@ -105,7 +107,7 @@ def conform(
         return
     if not command:
         raise click.UsageError("the client's command is missing; give it after --")
-    for place in (junit, json_file):
+    for place in (junit, json_file, page):
         if place is not None:
             check_place(place, overwrite)
     trial = make_trial(cell_of(kind, config_file), rules, command, listen)
@@ -116,6 +118,12 @@ def conform(
         write_atomically(junit, as_junit(kind, results), overwrite)
     if json_file is not None:
         write_atomically(json_file, as_json((trial.thing, kind), command, rules, results).encode(), overwrite)
+    if page is not None:
+        from hil_bridge.lab.conform.page import conform_page
+
+        options = (("--config", config_file), ("--listen", listen))
+        client = [str(word) for option in options if option[1] for word in option]
+        write_atomically(page, conform_page(trial, results, [*client, "--", *command]).encode(), overwrite)
     echo_lines([*table(results), totals(results), *lateness(results), *not_modelled(results)])
     if any(one.verdict.outcome is Outcome.FAILED for one in results):
         click.get_current_context().exit(FAILED)

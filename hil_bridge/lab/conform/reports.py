@@ -19,7 +19,8 @@ _OUTPUT_LINES = 20
 """Number of output lines printed for a failed scenario. Chosen."""
 
 
-def _released() -> str:
+def released() -> str:
+    """Return the version of hil-bridge."""
     try:
         return version("hil-bridge")
     except PackageNotFoundError:
@@ -36,7 +37,7 @@ def table(results: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
             yield ""
             yield f"end of the client's output in {one.name}:"
             for line in one.output.rstrip().splitlines()[-_OUTPUT_LINES:]:
-                yield f"  {_plain(line)}"
+                yield f"  {printable(line)}"
 
 
 def not_modelled(results: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
@@ -67,7 +68,20 @@ def totals(results: Sequence[ScenarioResult[Any]]) -> str:
 def evidence(one: ScenarioResult[Any]) -> dict[str, Any]:
     """Return the evidence of a scenario by name, without unknown values."""
     known = {key: value for key, value in asdict(one.seen).items() if value not in (None, "", [])}
-    return {key: round(value, 6) if isinstance(value, float) else value for key, value in known.items()}
+    return {key: _rounded(value) for key, value in known.items()}
+
+
+def _rounded(value: Any) -> Any:
+    """Round all floats of a value to 1 µm and 1 µs."""
+    match value:
+        case float():
+            return round(value, 6)
+        case list() | tuple():
+            return [_rounded(one) for one in value]
+        case dict():
+            return {key: _rounded(one) for key, one in value.items()}
+        case _:
+            return value
 
 
 def as_json(
@@ -77,7 +91,7 @@ def as_json(
     report = {
         what[0]: what[1],
         "command": list(command),
-        "hil_bridge": _released(),
+        "hil_bridge": released(),
         "suite": SUITE_VERSION,
         "rules": asdict(rules),
         "scenarios": [
@@ -119,6 +133,6 @@ def _evidence_texts(one: ScenarioResult[Any]) -> Iterator[tuple[str, str]]:
         yield key, json.dumps(value) if isinstance(value, list | tuple) else str(value)
 
 
-def _plain(text: str) -> str:
+def printable(text: str) -> str:
     """Replace non-printable characters in a line of a client's output."""
     return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)

@@ -17,6 +17,7 @@ from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import Robot, Sensor
+from hil_bridge.show.pages.timeline import TimeLine
 from protocol.unmodelled import NotModelled
 
 SUITE_VERSION = 2
@@ -117,12 +118,13 @@ class Scene(ABC, Generic[Evidence]):
 
     async def _end_client(self) -> None:
         """Ask the client to terminate, and kill its processes that remain."""
-        if self.seen.exit_code is None:
-            self.seen.end_requested = True
+        evidence = self.seen
+        if evidence.exit_code is None:
+            evidence.end_requested, evidence.end_requested_at = True, self._since()
             self._client.ask_to_end()
             try:
                 await self._until(None, self._end_s)
-                self.seen.killed = True
+                evidence.killed = True
             except Ended:
                 pass
         self._client.kill()
@@ -194,6 +196,10 @@ class Trial(ABC, Generic[Evidence]):
         """Return the verdict on this evidence."""
 
     @abstractmethod
+    def timeline(self, name: str, evidence: Evidence) -> TimeLine:
+        """Return the time line of a scenario from its evidence."""
+
+    @abstractmethod
     def refuse(self, name: str, nominal: ScenarioResult[Evidence]) -> ScenarioResult[Evidence] | None:
         """Return the scenario as skipped if the nominal result makes it pointless; None if it is to be run."""
 
@@ -225,9 +231,11 @@ async def play(name: str, trial: Trial[Evidence]) -> ScenarioResult[Evidence]:
         client.kill()
         heart.stop()
         clock.close()
-    seconds, seen = clock.now() - begun, scene.seen
-    verdict = trial.judge(name, seen)
-    return ScenarioResult(name, trial.scenarios[name], verdict, seen, client.output, seconds, tuple(things))
+    seconds, evidence = clock.now() - begun, scene.seen
+    verdict = trial.judge(name, evidence)
+    return ScenarioResult(
+        name, trial.scenarios[name], verdict, evidence, client.output, seconds, tuple(things)
+    )
 
 
 def skip(name: str, trial: Trial[Evidence], reason: str, evidence: Evidence) -> ScenarioResult[Evidence]:

@@ -23,6 +23,8 @@ class Verdict:
 
     outcome: Outcome
     reason: str
+    faults: tuple[str, ...] = ()
+    """Problems of a failed client, most serious first. `reason` joins them."""
 
 
 def decide(skipped: str, faults: Iterable[str], summary: Callable[[], str]) -> Verdict:
@@ -32,5 +34,5 @@ def decide(skipped: str, faults: Iterable[str], summary: Callable[[], str]) -> V
     if skipped:
         return Verdict(Outcome.SKIPPED, skipped)
     if wrong := list(islice(faults, _FAULTS_NAMED)):
-        return Verdict(Outcome.FAILED, "; ".join(wrong))
+        return Verdict(Outcome.FAILED, "; ".join(wrong), tuple(wrong))
     return Verdict(Outcome.PASSED, summary())

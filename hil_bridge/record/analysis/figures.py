@@ -4,6 +4,7 @@ Each figure has one key, which includes its unit, and one description. All code 
 here.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -74,6 +75,15 @@ class Definition:
 def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
     """Format a value with its unit; return a dash if it is unknown."""
     return UNKNOWN if value is None else f"{value * scale:{form}} {unit}".rstrip().replace("-", "−")
+
+
+def concise(value: float | None, scale: float, form: str, unit: str) -> str:
+    """Format a value as `quantity` does, but leave out decimals beyond three significant digits."""
+    if value is None or not math.isfinite(value) or not form.endswith("f"):
+        return quantity(value, scale, form, unit)
+    head, _, places = form.removesuffix("f").partition(".")
+    before = len(str(int(abs(round(value * scale, int(places))))).lstrip("0"))
+    return quantity(value, scale, f"{head}.{max(0, min(int(places), 3 - before))}f", unit)
 
 
 _CAMPAIGN, _CONTACT, _RUN = Group.CAMPAIGN, Group.CONTACT, Group.RUN

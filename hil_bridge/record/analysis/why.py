@@ -114,11 +114,20 @@ class Why(Struct, frozen=True):
     """Whether the recording is cut short or damaged."""
     tracebacks: tuple[str, ...]
 
+    @property
+    def point(self) -> str:
+        """How the run ended and its cause, in one sentence; without a cause, the complete paragraph."""
+        if not self.fact:
+            return self.text
+        phase = f" in {self.phase}" if self.phase else ""
+        return f"{self.outcome.capitalize()} after {self.after_s:.1f} s{phase}: {self.fact}."
+
 
 def why_values(recording: Recording, file: object = "FILE") -> Why:
     """Return the explanation of `why` as values."""
     end, ending = end_of(recording), _Ending(recording, end_of(recording), file)
-    reason, good, symptom = end.reason, ending.last_good(), ending.symptom
+    reason = end.reason if recording.foreign is None else None
+    good, symptom = ending.last_good(), ending.symptom
     return Why(
         end.outcome,
         why(recording, file),

@@ -82,7 +82,7 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             "N",
             (
                 Series(CYCLE, "force_reference", "target", "target", "step", dashed=True),
-                Series(TRUTH, "force", "true force", "truth", layer=TRUTH),
+                Series(TRUTH, "force", "true force", "truth", dashed=True, layer=TRUTH),
                 Series(CYCLE, "force", "force", width=1.8),
                 Series(CYCLE, "clamped", "clamped by the supervisor", "limit", "points"),
             ),
@@ -145,7 +145,7 @@ def _motion(facts: ChartFacts) -> list[Chart]:
             (
                 Series(CYCLE, "depth_commanded", "commanded", "2", "step"),
                 Series(CYCLE, "depth", "reported"),
-                Series(TRUTH, "depth", "true", "truth", layer=TRUTH),
+                Series(TRUTH, "depth", "true", "truth", dashed=True, layer=TRUTH),
             ),
             limits=_limits(facts, DEPTH),
             height_px=220,

@@ -193,12 +193,13 @@ var HilCell = (() => {
 
     draw(now) {
       if (this.playing) this.step(Math.max(now, this.since));
+      this.place.hidden = !this.tables.cycle.x.length;
       this.fit(this.space.software && this.isMoving(now));
-      if (!this.tables.cycle.x.length || !this.canvas.width) return;
+      if (this.place.hidden || !this.canvas.width) return;
       if (!this.path || (this.stale && (now - this.drawn > REBUILD_MS || this.at !== null))) this.trace(now);
       else if (this.stale) this.soon();
       const reported = this.row("cycle", this.at), truth = this.row("truth", this.at), style = getComputedStyle(document.documentElement);
-      const colours = {back: css(style, "--raised"), line: css(style, "--line"), stand: css(style, "--line").map((one, k) => 0.75 * one + 0.25 * css(style, "--quiet")[k]), ghost: css(style, "--c2"), arrow: css(style, "--c3")};
+      const colours = {back: css(style, "--raised"), line: css(style, "--line"), stand: css(style, "--line").map((one, k) => 0.75 * one + 0.25 * css(style, "--quiet")[k]), ghost: css(style, "--c2"), arrow: css(style, "--c1")};
       const items = this.items(reported, truth, colours);
       this.views = this.split();
       for (const view of this.views) {
@@ -316,14 +317,14 @@ var HilCell = (() => {
     label(reported, truth) {
       const {eye, box} = this.views.find(view => view.name === "tool" || this.views.length === 1), push = (truth || reported).push;
       const place = this.arrowEnd && projected(eye, this.arrowEnd, box), left = box.left / this.ratio;
-      const text = place && place.front ? `${digits(size(push))} N` : "";
+      const newton = push ? size(push) : 0, text = place && place.front ? `${newton.toFixed(newton < 10 ? 2 : newton < 100 ? 1 : 0)} N` : "";
       this.tag.hidden = !text || (!this.wide && this.near !== "tool");
       if (this.tag.textContent !== text) this.tag.textContent = text;
       const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - 72;
       if (text) this.tag.style.transform = `translate(${Math.round(Math.max(Math.min(place.x / this.ratio + 12, most), left))}px, ${Math.round(Math.max(place.y / this.ratio - 12, 4))}px)`;
       this.key.style.left = this.scale.style.left = `${(this.wide ? left : 0) + 12}px`;
       const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", "force on the tool"]];
-      if (truth) keys.splice(1, 0, ["ghost", `reported tool, ${digits(this.apart * 1e3)} mm off`]);
+      if (truth) keys.splice(1, 0, ["ghost", `reported tool, ${(this.apart * 1e3).toFixed(2)} mm off`]);
       keys.forEach(([name, words], k) => {
         const span = this.key.children[k] || this.key.appendChild(element("span"));
         if (span.textContent !== words) { span.textContent = words; span.className = name; }

@@ -11,23 +11,33 @@ import msgspec
 from hil_bridge.show.pages.assets import cell_script, chart_script, style
 from hil_bridge.show.pages.description import Charts
 
-_DRAW = """
+_DATA = """
 const hilData = id => JSON.parse(document.getElementById(id).textContent);
 const hilDrawn = {};
+addEventListener("beforeprint", () => document.querySelectorAll("details.fold").forEach(one => { one.open = true; }));
+addEventListener("click", event => {   // a link into a fold opens it
+  const link = event.target.closest("a[href^='#']");
+  const fold = link && document.querySelector(link.hash)?.closest("details");
+  if (fold) fold.open = true;
+});
+"""
+_DRAW = """
 for (const place of document.querySelectorAll("[data-charts]")) {
   const first = place.dataset.first ? Number(place.dataset.first) : null;
   hilDrawn[place.dataset.charts] = HilCharts.draw(place, hilData(place.dataset.charts), {first});
 }
-addEventListener("beforeprint", () => document.querySelectorAll("details.fold").forEach(one => { one.open = true; }));
 """
 _DRAW_CELL = """
 for (const place of document.querySelectorAll("[data-cell]")) {
-  const {model, rows, start, at} = hilData(place.dataset.cell);
-  const charts = hilDrawn[place.dataset.marks];
-  const cell = HilCell.draw(place, model, {moved: t => { if (charts) charts.here(t); }});
-  cell.rows(rows, start);
-  cell.show(at);
-  window.hilCell = cell;
+  const folded = place.closest("details:not([open])"), draw = () => {
+    const {model, rows, start, at} = hilData(place.dataset.cell);
+    const charts = hilDrawn[place.dataset.marks];
+    const cell = HilCell.draw(place, model, {moved: t => { if (charts) charts.here(t); }});
+    cell.rows(rows, start);
+    cell.show(at);
+    window.hilCell = cell;
+  };
+  if (folded) folded.addEventListener("toggle", draw, {once: true}); else draw();
 }
 """
 _ESCAPES = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
@@ -54,10 +64,11 @@ def room(name: str, charts: Charts, first: int | None = None) -> str:
     )
 
 
-def cell_room(picture: Mapping[str, Any], charts: str) -> str:
+def cell_room(picture: Mapping[str, Any], charts: str = "") -> str:
     """Render the cell in three dimensions for the body of a document, from model, rows and first time.
 
-    `charts` is the name of the `room` whose charts mark the displayed time.
+    `charts` is the name of the `room` whose charts mark the displayed time. Inside a closed `details` element, the
+    cell is drawn when the reader opens it.
     """
     return (
         f'<script type="application/json" id="data-cell">{in_script(picture)}</script>\n'
@@ -71,14 +82,15 @@ def document(title: str, body: str, charts: bool = True, cell: bool = False) -> 
 
     The content security policy of the page allows only this script, and no external resources.
     """
-    script = f"{chart_script()}\n{_DRAW}" if charts else ""
-    if cell:
-        script = f"{script}\n{cell_script()}\n{_DRAW_CELL}"
+    parts = [_DATA] if charts or cell else []
+    parts += [chart_script(), _DRAW] if charts else []
+    parts += [cell_script(), _DRAW_CELL] if cell else []
+    script = "\n".join(parts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    allowed = f"'sha256-{digest}'" if charts else "'none'"
+    allowed = f"'sha256-{digest}'" if script else "'none'"
     policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
     head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n<style>{style()}</style>'
-    return skeleton(title, head, f"{body}\n<script>{script}</script>" if charts else body)
+    return skeleton(title, head, f"{body}\n<script>{script}</script>" if script else body)
 
 
 def skeleton(title: str, head: str, body: str) -> str:

@@ -109,7 +109,7 @@ var HilMarks = (() => {
     ctx.setLineDash([]);
     ctx.globalAlpha = 1;
     if (!chart.first || !loud) return;
-    const gap = 5 * ratio, text = cut(ctx, one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
+    const gap = 5 * ratio, text = cut(ctx, kind === "stop" ? kind : one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
     const leftwards = x + width + 2 * gap > box.left + box.width;
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
     let row = 0;   // at the bottom, where a pressing force leaves space, and stacked if they would overlap

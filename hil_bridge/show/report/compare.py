@@ -1,6 +1,6 @@
 """Comparison of several runs: one page with overlaid charts, and tables of the differences."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,8 @@ from msgspec.structs import replace
 from hil_bridge.errors import ConfigError
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
-from hil_bridge.record.analysis.why import why
+from hil_bridge.record.analysis.why import why_values
+from hil_bridge.record.ending import Outcome
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.catalogue import CYCLE, catalogue
 from hil_bridge.show.charts.columns import Columns
@@ -20,13 +21,15 @@ from hil_bridge.show.charts.run import run_marks
 from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Limit, Mark, Series, document, room
 from hil_bridge.show.report.bag_page import assumptions_table
-from hil_bridge.show.report.differences import between
-from hil_bridge.show.report.figures import contact_rows, figure_tables
+from hil_bridge.show.report.differences import ABSENT, between
+from hil_bridge.show.report.figures import contact_rows, figure_tables, merit_rows
 from hil_bridge.show.report.identity import identity_rows
-from hil_bridge.show.report.markup import across, cells, prose
+from hil_bridge.show.report.markup import across, badge, cells, fold, prose, table
 
 RUNS_MOST = 8
 """Maximum number of runs in a comparison, which is the number of distinguishable colours."""
+_NAMED_MOST = 2
+"""Maximum number of settings named in the first sentence. Chosen: the table has all."""
 TOUCH, BEGIN = "touch", "begin"
 """Event at 0 s: the start of the first tracking, or the start of the run."""
 COMPARED = {
@@ -69,23 +72,63 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     charts, left_out = _charts(runs, align)
-    names = list(runs)
-    ends = "".join(
-        f"<dt><strong>{escape(name)}</strong>: {escape(summaries[name].outcome)}</dt><dd>{prose(why(runs[name]))}</dd>"
-        for name in names
-    )
     ours = _with_settings(runs)
-    settings = between(list(ours.values()))
+    settings, only_some = _differing(ours)
+    figures = [_figures_of(runs[name], summaries[name]) for name in runs]
+    merits = [row.label for one in summaries.values() for row in merit_rows(one)]
     body = f"""<h1>{len(runs)} runs compared</h1>
-<dl>{ends}</dl>
+<p class="point">{prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
+{_settings(ours, settings, only_some)}
+<h2>How they ended</h2>
+{_side_by_side(runs, [*_ends(runs, summaries), *_figure_lines(figures, merits)])}
 <h2>Course</h2>
-{room("runs", charts)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
-<h2>Figures</h2>
-<p class="quiet">Values that are equal in all runs are grey.</p>
-{across(_figures(runs, summaries))}
-<h2>Settings that differ</h2>
-{cells(("setting", *ours), settings, "narrow settings")}{_bags(runs)}"""
-    return document(f"compared: {', '.join(names)}", body)
+{room("runs", charts, first=1)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
+{fold(f"<h2>Other figures</h2>{_side_by_side(runs, _figure_lines(figures, merits, others=True))}")}
+{_bags(runs)}"""
+    return document(f"compared: {', '.join(runs)}", body)
+
+
+def _point(summaries: Sequence[Summary], keys: Sequence[str]) -> str:
+    """Return in one sentence how many runs completed, and which settings differ; bags have neither."""
+    if not summaries:
+        return "Bags of other programs contain neither settings nor an end."
+    completed = sum(one.outcome == Outcome.COMPLETED for one in summaries)
+    named = " and ".join(f"`{key}`" for key in keys) if len(keys) <= _NAMED_MOST else f"{len(keys)} settings"
+    differ = f"{named} differ{'s' * (len(keys) == 1)}" if keys else "no setting differs"
+    return f"{completed} of {len(summaries)} runs completed; {differ}."
+
+
+def _differing(runs: Mapping[str, Recording]) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
+    """Return the settings that all runs have with different values, and those that only some runs have."""
+    rows = between(list(runs.values()))
+    return [row for row in rows if ABSENT not in row], [row for row in rows if ABSENT in row]
+
+
+def _settings(
+    runs: Mapping[str, Recording], settings: Sequence[tuple[str, ...]], only_some: Sequence[tuple[str, ...]]
+) -> str:
+    """Render the settings that differ, and, folded, those that only some runs have."""
+    titles = ("setting", *runs)
+    parts = [f"<h2>Settings that differ</h2>{cells(titles, settings, 'narrow settings')}"] if settings else []
+    if only_some:
+        heading = f"<h2>Settings that only some runs have: {len(only_some)}</h2>"
+        parts.append(fold(f"{heading}{cells(titles, only_some, 'narrow settings')}"))
+    return "".join(parts)
+
+
+def _ends(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) -> Iterator[str]:
+    """Yield the lines with the outcome and the cause of each run."""
+    yield f"<td>outcome</td>{''.join(f'<td>{badge(summaries[name].outcome)}</td>' for name in runs)}"
+    yield f"<td>why</td>{''.join(f'<td>{prose(why_values(runs[name]).point)}</td>' for name in runs)}"
+
+
+def _side_by_side(runs: Mapping[str, Recording], lines: Iterable[str]) -> str:
+    """Render a table with a column for each run, in the colour of its curves."""
+    heads = "".join(
+        f'<th><i class="swatch" style="background:var(--c{place})"></i>{escape(name)}</th>'
+        for place, name in enumerate(runs, 1)
+    )
+    return across(table(lines, "sides", f"<thead><tr><th></th>{heads}</tr></thead>"))
 
 
 def _with_settings(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
@@ -95,9 +138,11 @@ def _with_settings(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
 
 def _bags(runs: Mapping[str, Recording]) -> str:
     """Render the assumptions with which each bag was read."""
-    bags = {name: recording.foreign for name, recording in runs.items() if recording.foreign is not None}
-    parts = (f"<h2>{escape(name)}: assumptions</h2>{assumptions_table(bag)}" for name, bag in bags.items())
-    return "".join(parts)
+    return "".join(
+        fold(f"<h2>{escape(name)}: assumptions</h2>{assumptions_table(bag)}")
+        for name, recording in runs.items()
+        if (bag := recording.foreign) is not None
+    )
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
@@ -182,23 +227,22 @@ def _same_target(recordings: Sequence[Recording]) -> float | None:
     return targets.pop() if len(targets) == 1 else None
 
 
-def _figures(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) -> str:
-    """Render a table with a row for each figure and a column for each run."""
-    columns = []
-    for name, recording in runs.items():
-        summary = summaries[name]
-        texts = dict(identity_rows(recording, summary))
-        texts["outcome"] = summary.outcome
-        tables = (rows for _, rows in figure_tables(recording, summary))
-        listed = [*(row for rows in tables for row in rows), *contact_rows(summary)]
-        texts |= {row.label: row.value for row in listed}
-        columns.append(texts)
-    lines = []
-    for label in dict.fromkeys(label for texts in columns for label in texts):
-        values = [texts.get(label, "–") or "–" for texts in columns]
-        quiet = ' class="quiet"' if len(set(values)) == 1 else ""
-        lines.append(
-            f"<tr{quiet}><td>{escape(label)}</td>{''.join(f'<td>{escape(value)}</td>' for value in values)}</tr>"
-        )
-    head = "".join(f"<th>{escape(name)}</th>" for name in ("", *runs))
-    return f'<table class="narrow"><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table>'
+def _figures_of(recording: Recording, summary: Summary) -> dict[str, str]:
+    """Return the figures of a run as texts, by label."""
+    tables = (rows for _, rows in figure_tables(recording, summary))
+    listed = [*(row for rows in tables for row in rows), *contact_rows(summary)]
+    return dict(identity_rows(recording, summary)) | {row.label: row.value for row in listed}
+
+
+def _figure_lines(
+    figures: Sequence[Mapping[str, str]], merits: Sequence[str], others: bool = False
+) -> Iterator[str]:
+    """Yield a line for each figure of merit or, with `others`, for each other figure that a run has. If all runs
+    have the same value, the line is grey.
+    """
+    for label in dict.fromkeys(label for texts in figures for label in texts):
+        values = [texts.get(label) or ABSENT for texts in figures]
+        if (label in merits) is others or set(values) == {ABSENT}:
+            continue
+        style = "quiet" if len(set(values)) == 1 else ""
+        yield "".join(f'<td class="{style}">{escape(text)}</td>' for text in (label, *values))

@@ -17,6 +17,8 @@ contains them in full.
 """
 _CHOICES = ("emulated", "surface_kind")
 """Keys that select a kind of device; the defaults are those of the selected kind."""
+ABSENT = "–"
+"""Text for the value of a setting that a run does not have."""
 _LEVELS_MAX = 40
 """Maximum number of levels of nested tables."""
 
@@ -47,7 +49,7 @@ def between(recordings: list[Recording]) -> list[tuple[str, ...]]:
     for key in keys:
         values = [one.get(key, ...) for one in configurations]
         if any(value != values[0] for value in values):
-            rows.append((key, *("–" if value is ... else describe_value(value) for value in values)))
+            rows.append((key, *(ABSENT if value is ... else describe_value(value) for value in values)))
     return rows
 
 
@@ -57,8 +59,9 @@ def flat(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def describe_value(value: object) -> str:
-    """Format a value in one line."""
-    text = json.dumps(value, ensure_ascii=False)
+    """Format a value in one line, as JSON unless it is a printable text."""
+    is_plain = isinstance(value, str) and value != "" and value.isprintable()
+    text = str(value) if is_plain else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LENGTH_MAX else f"{text[:_LENGTH_MAX]} … ({len(text)} characters)"
 
 

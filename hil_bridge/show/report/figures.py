@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, UNKNOWN, Group, quantity
+from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, UNKNOWN, Definition, Group, concise
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 
@@ -24,14 +24,14 @@ def merit_rows(summary: Summary) -> tuple[Row, ...]:
     """Return the figures of merit of the force control."""
     several = summary.strokes > 1
     return tuple(
-        Row(one.words, one.text(summary.figures.get(one.key)), (several and one.of_several) or one.how)
+        Row(one.words, _text(one, summary.figures.get(one.key)), (several and one.of_several) or one.how)
         for one in MERIT
     )
 
 
 def contact_rows(summary: Summary) -> tuple[Row, ...]:
     """Return the contact figures."""
-    return tuple(Row(one.words, one.text(summary.contact.get(one.key)), one.how) for one in CONTACT)
+    return tuple(Row(one.words, _text(one, summary.contact.get(one.key)), one.how) for one in CONTACT)
 
 
 def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
@@ -40,10 +40,10 @@ def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
     span_s = cycles[-1].controlled_at - cycles[0].controlled_at if cycles else None
     return (
         Row("samples", f"{summary.cycles}", "wrenches with a pose"),
-        Row("rate", quantity(summary.cycle_rate_hz, 1.0, ".1f", "Hz"), "mean of the samples"),
+        Row("rate", concise(summary.cycle_rate_hz, 1.0, ".1f", "Hz"), "mean of the samples"),
         Row(
             FIGURES["duration_s"].words,
-            quantity(span_s, 1.0, ".1f", "s"),
+            concise(span_s, 1.0, ".1f", "s"),
             "from the first sample to the last",
         ),
     )
@@ -59,12 +59,9 @@ def figure_tables(recording: Recording, summary: Summary) -> tuple[tuple[str, tu
 def run_rows(summary: Summary) -> tuple[Row, ...]:
     """Return the other facts of the run."""
     times, dropped = summary.cycle_time, sum(summary.recorder_dropped.values())
-    mean, p50, p90, p99, largest = (
-        quantity(value, 1e3, ".1f", "ms")
-        for value in (
-            (times.mean_s, times.p50_s, times.p90_s, times.p99_s, times.max_s) if times else (None,) * 5
-        )
-    )
+    mean = concise(times.mean_s if times else None, 1e3, ".1f", "ms")
+    shares = (times.p50_s, times.p90_s, times.p99_s, times.max_s) if times else ()
+    percentiles = [concise(value, 1e3, ".1f", "") for value in shares]
     lost = "" if summary.sensor_frames_lost is None else f"{summary.sensor_frames_lost} lost"
     return (
         Row(NAMED[0], summary.controller or UNKNOWN, "control law by its name in the configuration"),
@@ -78,8 +75,7 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
         ),
         _row("cycle_rate_hz", summary.cycle_rate_hz),
         Row("cycle time", mean, "mean, to the answer; of a stream, to the next"),
-        Row("cycle time, 50 / 90 %", f"{p50} / {p90}", "percentiles"),
-        Row("cycle time, 99 % / max", f"{p99} / {largest}", "percentiles"),
+        Row("cycle time, p50 to max", " · ".join(percentiles), "percentiles 50, 90 and 99, largest, ms"),
         _row("line_floor_s", summary.line_floor_s),
         Row("sensor frames", f"{summary.sensor_frames_received}", lost),
         Row("records dropped", f"{dropped}", "by the recorder: disk too slow or full"),
@@ -87,12 +83,16 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
 
 
 def _row(key: str, value: float | None) -> Row:
-    return Row(FIGURES[key].words, FIGURES[key].text(value), FIGURES[key].how)
+    return Row(FIGURES[key].words, _text(FIGURES[key], value), FIGURES[key].how)
+
+
+def _text(figure: Definition, value: float | None) -> str:
+    return concise(value, figure.scale, figure.form, figure.unit)
 
 
 def _target(summary: Summary) -> Row:
     if summary.force_reference_n is None and summary.force_references_n is not None:
         one = FIGURES["force_reference_n"]
         least, most = summary.force_references_n
-        return Row(one.words, f"{quantity(least, one.scale, one.form, '')} … {one.text(most)}", one.how)
+        return Row(one.words, f"{concise(least, one.scale, one.form, '')} … {_text(one, most)}", one.how)
     return _row("force_reference_n", summary.force_reference_n)

@@ -46,7 +46,7 @@ def latency_bar(latency: Latency) -> str:
     label = (
         "total: " + ", ".join(f"{name} {seconds * 1e3:.0f}" for name, seconds in percentiles.items()) + " ms"
     )
-    left = low > limit / 2
+    left = at(low) - _LEFT > _LETTER * len(label) + 8
     parts.append(
         text(
             (at(low) - 8 if left else at(high) + 8, total_top + 4), label, "end" if left else "start", "text"

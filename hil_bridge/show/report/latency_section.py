@@ -2,6 +2,7 @@
 
 from html import escape
 
+from hil_bridge.record.analysis.figures import concise
 from hil_bridge.record.analysis.latency import Latency, Part, latency_of
 from hil_bridge.record.analysis.times import Times
 from hil_bridge.record.reader import Recording
@@ -32,7 +33,7 @@ def latency_section(recording: Recording) -> str:
             "<p>Delays without time stamps, to be added:</p>",
             cells(
                 ("delay", "ms", "source"),
-                [(c.words, f"{c.seconds * 1e3:.1f}", c.source) for c in latency.constants],
+                [(c.words, concise(c.seconds, 1e3, ".1f", ""), c.source) for c in latency.constants],
                 "narrow",
             ),
         ]
@@ -57,4 +58,4 @@ def _total(latency: Latency) -> tuple[str, ...]:
 
 
 def _figures(times: Times) -> tuple[str, ...]:
-    return tuple(f"{seconds * 1e3:.2f}" for seconds in (times.p50_s, times.p90_s, times.p99_s, times.max_s))
+    return tuple(concise(one, 1e3, ".2f", "") for one in (times.p50_s, times.p90_s, times.p99_s, times.max_s))

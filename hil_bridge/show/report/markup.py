@@ -6,12 +6,18 @@ from html import escape
 
 from hil_bridge.show.report.figures import Row
 
+_BADGE_STYLES = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
 _COMMAND = re.compile(r"`([^`]+)`")
 
 
 def prose(text: str) -> str:
     """Render prose as HTML: remove URL queries, and format text between backticks as code."""
     return _COMMAND.sub(r"<code>\1</code>", escape(text))
+
+
+def badge(outcome: str) -> str:
+    """Render the outcome of a run."""
+    return f'<span class="badge {_BADGE_STYLES.get(outcome, "")}">{escape(outcome)}</span>'
 
 
 def rows(figures: Iterable[Row]) -> str:
@@ -40,10 +46,18 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     return across(table(body, style, head))
 
 
-def fold(section: str) -> str:
-    """Fold a section below its heading, which the reader opens. An empty section stays empty."""
+def fold(section: str, name: str = "") -> str:
+    """Fold a section below its heading, which the reader opens. An empty section stays empty.
+
+    `name` is unique on the page; a live page keeps a named section open.
+    """
     heading, end, rest = section.partition("</h2>")
-    return f'<details class="fold"><summary>{heading}{end}</summary>\n{rest}</details>\n' if end else section
+    named = f' id="{name}"' if name else ""
+    return (
+        f'<details class="fold"{named}><summary>{heading}{end}</summary>\n{rest}</details>\n'
+        if end
+        else section
+    )
 
 
 def across(marked: str) -> str:

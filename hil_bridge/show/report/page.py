@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.figures import quantity
+from hil_bridge.record.analysis.figures import concise
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import why_values
 from hil_bridge.record.device_facts import devices_of
@@ -22,7 +22,7 @@ from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
 from hil_bridge.show.report.latency_section import latency_section
-from hil_bridge.show.report.markup import cells, fold, pairs, prose, rows, table
+from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows
 from hil_bridge.show.report.sections import controller_section, stability_section
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
@@ -31,7 +31,6 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """File names of the picture, by the kind of file."""
 EVENTS_MAX = 500
-_BADGE_STYLES = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
 
 
 def write_report(
@@ -69,7 +68,7 @@ def page(recording: Recording, summary: Summary) -> str:
     thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
-    phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
+    phases = pairs((name, concise(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_point(recording, summary)}
 {room("run", charts, first=1)}{thinned}
 <div class="columns head"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section>
@@ -110,7 +109,7 @@ def _head(recording: Recording, summary: Summary) -> str:
     which = reality(recording)
     parts = [
         f"<h1>{escape(_title(summary))}</h1>",
-        f'<p><span class="badge {_BADGE_STYLES.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
+        f"<p>{badge(summary.outcome)}",
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</p>",
@@ -124,31 +123,21 @@ def _head(recording: Recording, summary: Summary) -> str:
 def _reason(recording: Recording, summary: Summary) -> str:
     """Render why the run ended, in one sentence, and the details folded."""
     reason = why_values(recording)
-    point, detail = reason.text, ""
-    if reason.fact:
-        phase = f" in {reason.phase}" if reason.phase else ""
-        point = f"{reason.outcome.capitalize()} after {reason.after_s:.1f} s{phase}: {reason.fact}."
-        detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
+    detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
     left = "" if summary.outcome == Outcome.COMPLETED else summary.left
     parts = [
-        f'<p class="point">{prose(point)}</p>',
-        *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
-        f"<p>left: <strong>{prose(left)}</strong></p>" if left else "",
-        detail,
+        f'<p class="point">{prose(reason.point)}</p>',
+        *(f"<p>Then: {prose(text)}</p>" for text in summary.followed),
+        f"<p>Tool: <strong>{prose(left)}</strong></p>" if left else "",
+        detail if reason.fact else "",
     ]
     return "\n".join(filter(None, parts))
 
 
 def _events(recording: Recording) -> str:
     zero = start_time(recording)
-    event_table = table(
-        (
-            f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'
-            f"<td>{escape(event.text)}</td>"
-            for event in recording.events[:EVENTS_MAX]
-        ),
-        "narrow",
-    )
+    lines = ((f"{event.at - zero:.3f}", event.kind, event.text) for event in recording.events[:EVENTS_MAX])
+    event_table = cells(("time, s", "event", ""), lines, "narrow events")
     more = len(recording.events) - EVENTS_MAX
     return f'<div class="scroll">{event_table}</div>' + (
         f"<p>and {more} more in the recording</p>" if more > 0 else ""

@@ -3,7 +3,7 @@
 import math
 from html import escape
 
-from hil_bridge.record.analysis.figures import quantity
+from hil_bridge.record.analysis.figures import concise
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
@@ -138,13 +138,13 @@ def cycle_sentence(analysis: Analysis) -> str:
 def _loop_rows(analysis: Analysis) -> list[Row]:
     plant = analysis.plant
     return [
-        Row("sample time", quantity(plant.period, 1e3, ".1f", "ms"), "measured, median from cycle to cycle"),
+        Row("sample time", concise(plant.period, 1e3, ".1f", "ms"), "measured, median from cycle to cycle"),
         Row(
             "delay",
-            quantity(plant.delay, 1e3, ".1f", "ms"),
+            concise(plant.delay, 1e3, ".1f", "ms"),
             "from the force to the set point at the servo",
         ),
-        *(Row(f"– {p.label}", quantity(p.seconds, 1e3, ".1f", "ms"), p.source) for p in analysis.delay),
+        *(Row(f"– {p.label}", concise(p.seconds, 1e3, ".1f", "ms"), p.source) for p in analysis.delay),
         Row(
             "servo",
             f"{plant.natural_frequency:g} rad/s, {plant.damping_ratio:g}",
@@ -153,7 +153,7 @@ def _loop_rows(analysis: Analysis) -> list[Row]:
         Row("stiffness", _stiffness(analysis.stiffness), analysis.stiffness_source),
         Row(
             "position resolution",
-            quantity(analysis.resolution, 1e3, "g", "mm"),
+            concise(analysis.resolution, 1e3, "g", "mm"),
             analysis.servo_source,
         ),
     ]
@@ -188,23 +188,23 @@ def _cycle_table(analysis: Analysis) -> str:
     predicted = analysis.predicted
     amplitude, period = (predicted.peak_to_peak, predicted.period) if predicted else (None, None)
     lines = [
-        ("one resolution step, k_e·Δx_res", quantity(analysis.step_force, 1, ".2f", "N"), ""),
+        ("one resolution step, k_e·Δx_res", concise(analysis.step_force, 1, ".2f", "N"), ""),
         (
             "force, peak to peak",
-            quantity(amplitude, 1, ".2f", "N"),
-            quantity(analysis.steady_peak_to_peak, 1, ".2f", "N"),
+            concise(amplitude, 1, ".2f", "N"),
+            concise(analysis.steady_peak_to_peak, 1, ".2f", "N"),
         ),
         (
             "period",
-            quantity(period, 1, ".2f", "s"),
-            quantity(analysis.dominant_period, 1, ".2f", "s")
+            concise(period, 1, ".2f", "s"),
+            concise(analysis.dominant_period, 1, ".2f", "s")
             if analysis.dominant_period is not None
             else "none dominant",
         ),
         (
             "resolution steps of the command",
             "",
-            quantity(analysis.steps_per_second, 1, ".2f", "1/s"),
+            concise(analysis.steps_per_second, 1, ".2f", "1/s"),
         ),
     ]
     substitute = (
@@ -228,4 +228,4 @@ def _stiffness(stiffness: float) -> str:
 def _format_margin(value: float, form: str, unit: str) -> str:
     if math.isnan(value):
         return "nowhere"
-    return quantity(value, 1, form, unit).replace(" °", "°") if math.isfinite(value) else "∞"
+    return concise(value, 1, form, unit).replace(" °", "°") if math.isfinite(value) else "∞"

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from hil_bridge.record.analysis.figures import quantity
+from hil_bridge.record.analysis.figures import concise, quantity
 from hil_bridge.record.analysis.steps import StepOutcome, verdict_of
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
@@ -48,11 +48,11 @@ def _line(step: StepOutcome) -> tuple[str, ...]:
     text = step.text if verdict and step.text else step.text or "done"
     return (
         step.label,
-        quantity(step.seconds, 1, ".1f", "s"),
-        quantity(step.way_mm, 1, ".1f", "mm") if step.way_mm else "",
-        "" if step.force_mean_n is None else quantity(step.force_mean_n, 1, ".2f", "N"),
-        "" if step.within is None else quantity(step.within, 100, ".1f", "%"),
-        "" if step.wanted is None else quantity(step.wanted, 100, "g", "%"),
+        concise(step.seconds, 1, ".1f", "s"),
+        concise(step.way_mm, 1, ".1f", "mm") if step.way_mm else "",
+        "" if step.force_mean_n is None else concise(step.force_mean_n, 1, ".2f", "N"),
+        "" if step.within is None else concise(step.within, 100, ".1f", "%"),
+        "" if step.wanted is None else concise(step.wanted, 100, "g", "%"),
         f"{verdict}: {text}" if verdict else text,
         position,
     )

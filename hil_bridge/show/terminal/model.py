@@ -11,6 +11,7 @@ from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS, EventKind
 from hil_bridge.record.analysis.latency import Latency, latency_budget
 from hil_bridge.record.analysis.summary import cycle_times
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.records import CycleRecord, EventRecord, Vector
 from hil_bridge.show.charts.facts import ChartFacts, limit_numbers
 
@@ -58,8 +59,8 @@ class Scene:
     real: bool = False
     """Whether a real robot may move."""
     limits: Limits = field(default_factory=Limits)
-    record: str = ""
-    """Path of the recording; empty if the run is not recorded."""
+    places: RunPlaces = field(default_factory=RunPlaces)
+    """Where the run leaves its recording, and how its tool is reached afterwards."""
     approach: Vector | None = None
     """Unit vector of the approach in the robot base frame; None if unknown."""
     keys: bool = False

@@ -238,7 +238,7 @@ def progress(snapshot: Snapshot, width: int) -> Text:
 def foot(snapshot: Snapshot) -> list[Text]:
     """Render the path of the recording, and the keys."""
     scene = snapshot.scene
-    record = [_row("recording", scene.record or ("none", "yellow"))]
+    record = [_row("recording", scene.places.record or ("none", "yellow"))]
     if not scene.keys:
         return record
     keys = _row("keys", ("r", "bold"), " or ", ("q", "bold"), " retract and end   ")

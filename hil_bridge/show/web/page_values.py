@@ -1,11 +1,10 @@
 """Snapshot of a run as plain values for its page."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import Check, describe_end
+from hil_bridge.record.ending import Check
 from hil_bridge.record.records import EventRecord
 from hil_bridge.show.charts.columns import MILLI, round_digits
 from hil_bridge.show.charts.events import line_of, weight_of
@@ -24,7 +23,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
         "real": scene.real,
         "steps": list(scene.steps),
         "total_s": scene.total_s,
-        "record": scene.record,
+        "record": scene.places.record,
         "floor_ms": _ms(scene.robot.line_floor_s),
         "streamed": scene.robot.pacing is Pacing.STREAMED,
         "limits": {
@@ -105,11 +104,6 @@ def event_values(event: EventRecord, began: float) -> dict[str, Any]:
         "text": line_of(event)[:TEXT_LENGTH],
         "weight": weight_of(event),
     }
-
-
-def end_values(end: Mapping[str, str]) -> dict[str, Any]:
-    """Return how a run ended, from the metadata of its end."""
-    return describe_end(end)
 
 
 def is_zero(event: EventRecord) -> bool:

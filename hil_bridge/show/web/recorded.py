@@ -12,6 +12,7 @@ from hil_bridge.devices.facts import Devices
 from hil_bridge.errors import BridgeError
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.devices import CellName, name_cell, robot_in, sensor_in
 from hil_bridge.show.charts.cell import recorded_model
@@ -109,7 +110,7 @@ def _scene(recording: Recording, name: str) -> Scene:
         devices=cell.devices,
         real=cell.real,
         limits=limits,
-        record=name,
+        places=RunPlaces(name),
         approach=approach_of(recording),
     )
 

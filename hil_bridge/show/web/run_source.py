@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from hil_bridge.errors.event_kinds import EventKind
+from hil_bridge.record.ending import describe_end
 from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord, StepRecord, TruthRecord
 from hil_bridge.record.topics import Record
 from hil_bridge.show.charts.catalogue import catalogue, layers, time_axis
@@ -22,7 +23,6 @@ from hil_bridge.show.pages.description import Charts, Mark
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
 from hil_bridge.show.web.page_values import (
-    end_values,
     event_values,
     is_zero,
     now_values,
@@ -194,12 +194,17 @@ class RunSource:
 
     def end(self, end: End) -> None:
         """Store the end of the run."""
-        self._end = end_values(end.facts)
+        self._end = self._with_commands(describe_end(end.facts))
 
     def lost(self, cause: str = "the run's process ended unexpectedly") -> None:
         """Record that the run ended without sending its end."""
         if self._end is None:
-            self._end = {"outcome": GONE, "cause": cause, "left": "", "retracted": None, "followed": []}
+            self._end = self._with_commands(describe_end({}) | {"outcome": GONE, "cause": cause})
+
+    def _with_commands(self, end: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Add the commands that make sense after this end."""
+        places, moved = self._begin.scene.places, bool(self._history.cycles)
+        return {**end, "next": places.next_commands(end["outcome"], moved, end["retracted"])}
 
     # --- requests of pages
 

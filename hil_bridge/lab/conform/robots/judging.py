@@ -89,12 +89,18 @@ def _find_haste(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
             yield f"the tool moved at {gone:.1f} mm/s, allowed: {rules.max_speed_mm_s:g} mm/s"
     elif evidence.rushes:
         yield f"{evidence.rushes} of its orders exceed the robot's speed, with up to {ordered:.1f} mm/s"
-    limit = evidence.robot_speed_m_s
-    if rules.speed_up_s and limit is not None and evidence.largest_gain_m_s > limit:
+    if gains_speed(evidence, rules):
+        limit_mm_s = (evidence.robot_speed_m_s or 0.0) * 1e3
         yield (
-            f"the tool's speed changed by {evidence.largest_gain_m_s * 1e3:.0f} mm/s "
-            f"within {rules.speed_up_s * 1e3:g} ms, more than the robot's top speed of {limit * 1e3:g} mm/s"
+            f"the tool's speed changed by {evidence.largest_gain_m_s * 1e3:.0f} mm/s within "
+            f"{rules.speed_up_s * 1e3:g} ms, more than the robot's top speed of {limit_mm_s:g} mm/s"
         )
+
+
+def gains_speed(evidence: RobotEvidence, rules: Rules) -> bool:
+    """Return whether the tool's speed changed within `speed_up_s` by more than the robot's top speed."""
+    limit = evidence.robot_speed_m_s
+    return bool(rules.speed_up_s) and limit is not None and evidence.largest_gain_m_s > limit
 
 
 def _of_nominal(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:

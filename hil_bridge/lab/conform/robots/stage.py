@@ -23,6 +23,7 @@ from hil_bridge.lab.conform.robots.scenarios import (
     STOPPED,
     Rules,
 )
+from hil_bridge.lab.conform.robots.timeline import robot_timeline
 from hil_bridge.lab.conform.robots.watching import RobotEvidence, ToolSample, Watch
 from hil_bridge.lab.conform.trial import (
     CUT,
@@ -39,6 +40,7 @@ from hil_bridge.lab.conform.verdict import Outcome, Verdict
 from hil_bridge.runs.compose import ServedCell
 from hil_bridge.runs.setup import Listen
 from hil_bridge.settings.devices import Robot
+from hil_bridge.show.pages.timeline import TimeLine
 from protocol.geometry import angle_between
 
 
@@ -80,6 +82,9 @@ class RobotTrial(Trial[RobotEvidence]):
 
     def judge(self, name: str, evidence: RobotEvidence) -> Verdict:
         return judge(name, evidence, self.rules)
+
+    def timeline(self, name: str, evidence: RobotEvidence) -> TimeLine:
+        return robot_timeline(name, evidence, self.rules)
 
     def refuse(
         self, name: str, nominal: ScenarioResult[RobotEvidence]
@@ -129,7 +134,7 @@ class _RobotScene(Scene[RobotEvidence]):
             await self._until(None, rules.run_s)
             return
         await self._until(None, rules.after_s)
-        evidence.fault_at = self._since()
+        evidence.fault_at, evidence.last_before_fault_at = self._since(), evidence.last_order_at
         self._inject_fault()
         if self._name != CUT:
             await self._until(None, rules.watch_s)

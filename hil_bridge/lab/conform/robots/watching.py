@@ -4,12 +4,14 @@ data is bounded.
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from emulators.orders import Act, Hindrance, ReceivedOrder
 from hil_bridge.lab.conform.ending import Ending
-from hil_bridge.lab.conform.robots.scenarios import MOVED_M, MOVED_RAD, Rules
+from hil_bridge.lab.conform.robots.offences import Offence, Offender, find_offences
+from hil_bridge.lab.conform.robots.scenarios import MOVED_M, MOVED_RAD, STILL_M, STILL_RAD, Rules
 from hil_bridge.lab.conform.robots.strides import Stride, Strides
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
 
@@ -17,6 +19,7 @@ _WINDOW_S = 0.05
 """Shortest time over which a rotation of the tool, and a change of its speed, is measured, s. Chosen."""
 _FIRST = 10
 """Maximum number of texts of one kind that are kept, earliest first. Chosen."""
+_NO_STRIDE = Stride()
 
 
 @dataclass(slots=True)
@@ -76,10 +79,15 @@ class RobotEvidence(Ending):
     """Largest change of the tool's velocity within `speed_up_s`, before the fault and while the robot follows
     orders, m/s.
     """
+    largest_gain_at: float | None = None
+    offences: list[Offender] = field(default_factory=list)
+    """First order with each offence, in order of time."""
     fault_at: float | None = None
     """Time of the fault, s. In a scenario in which the robot may not move from the start, time of the first order
     that would move the tool.
     """
+    last_before_fault_at: float | None = None
+    """Time of the last order before the fault."""
     last_motion_s: float | None = None
     """Time from the fault to the last order that would have moved the tool, s."""
     after_stop: int = 0
@@ -90,6 +98,10 @@ class RobotEvidence(Ending):
     """Distance that the tool moved later than `react_s` after the fault, m."""
     turned_after_rad: float = 0.0
     """Angle by which the tool rotated later than `react_s` after the fault, rad."""
+    coasted_m: float = 0.0
+    """Distance that the tool moved from the fault until `react_s` later, m."""
+    moved_last_at: float | None = None
+    """Time of the last motion of the tool after the fault, s; None if it did not move."""
     releases: list[str] = field(default_factory=list)
     """First ten actions after the fault that are reserved for an operator at the robot."""
     returned_at: float | None = None
@@ -100,10 +112,12 @@ class RobotEvidence(Ending):
     """Description of the first state after the first order in which the robot did not follow orders; empty if there
     was none.
     """
+    hindered_at: float | None = None
     own_stop: str = ""
     """Description of the first state without response to orders that an order of the client caused; empty if there
     was none.
     """
+    own_stop_at: float | None = None
     left_m_s: float = 0.0
     """Speed of the tool at the end of the scenario, m/s."""
     left_rad_s: float = 0.0
@@ -128,7 +142,7 @@ class Watch:
         move from the start.
         """
         self.seen = RobotEvidence()
-        self._begun_at, self._react, self._speed_up = begun_at, rules.react_s, rules.speed_up_s
+        self._begun_at, self._rules = begun_at, rules
         self._stops, self._from_start = stops, from_start
         self._strides = Strides(rules.pause_s)
         self._start: ToolSample | None = None
@@ -139,6 +153,10 @@ class Watch:
         """Most recent samples, from which speeds are measured."""
         self._stood: ToolSample | None = None
         """First sample of the tool at `react_s` after the fault or later."""
+        self._at_fault: ToolSample | None = None
+        """First sample of the tool after the fault."""
+        self._rested: ToolSample | None = None
+        """First sample of the tool at its present place."""
         self._hindered = False
 
     # --- orders
@@ -150,16 +168,19 @@ class Watch:
             evidence.contact_at = at
         match order.act:
             case Act.UNREADABLE:
+                self._offend([Offence.UNREADABLE], at, order)
                 evidence.unreadable += 1
                 evidence.first_unreadable = evidence.first_unreadable or order.words
             case Act.RELEASE:
                 behind = self._from_start or (evidence.fault_at is not None and at > evidence.fault_at)
                 if behind:
                     _keep(evidence.releases, order.words)
+                if behind and self._stops and not self._from_start:
+                    self._offend([Offence.RELEASE], at, order)
             case Act.REFUSED:
                 _keep(evidence.refusals, order.words)
             case Act.PROGRAM if order.moves:
-                self._ordered(at, order, Stride())
+                self._ordered(at, order, _NO_STRIDE)
             case Act.MOTION:
                 self._ordered(at, order, self._strides.take(order, order.tool or self._tool))
             case _:
@@ -167,9 +188,13 @@ class Watch:
 
     def _ordered(self, at: float, order: ReceivedOrder, stride: Stride) -> None:
         evidence, moving = self.seen, stride.elsewhere
+        offences = [*find_offences(order, stride, self._rules)]
+        if self._stops and moving and self._check_time(at, order, stride):
+            offences.append(Offence.AFTER_STOP)
+        self._offend(offences, at, order, stride)
         evidence.orders += 1
-        evidence.taken += order.taken
-        evidence.moving += order.taken and moving and order.act is Act.MOTION
+        evidence.taken += (is_accepted := order.taken)
+        evidence.moving += is_accepted and moving and order.act is Act.MOTION
         if order.breach:
             evidence.breaches += 1
             evidence.first_breach = evidence.first_breach or order.breach
@@ -187,21 +212,39 @@ class Watch:
             evidence.robot_speed_m_s = order.reach.speed_m_s
         if evidence.first_order_at is None:
             evidence.first_order_at = at
-        if self._from_start and moving and evidence.fault_at is None:
-            evidence.fault_at = at
-        if self._stops and evidence.fault_at is not None and moving and at >= evidence.fault_at:
-            since = at - evidence.fault_at
-            evidence.last_motion_s = since
-            if since > self._react and not (self._from_start and order.taken):
-                evidence.after_stop += 1
-                evidence.after_stop_step_m = max(evidence.after_stop_step_m, stride.step_m)
         if (
-            order.taken
+            is_accepted
             and evidence.returned_at is not None
             and evidence.back_at is None
             and at >= evidence.returned_at
         ):
             evidence.back_at = at
+
+    def _check_time(self, at: float, order: ReceivedOrder, stride: Stride) -> bool:
+        """Record an order that would move the tool; return whether it is later than `react_s` after the fault."""
+        evidence = self.seen
+        if self._from_start and evidence.fault_at is None:
+            evidence.fault_at = at
+        if evidence.fault_at is None or at < evidence.fault_at:
+            return False
+        since = evidence.last_motion_s = at - evidence.fault_at
+        if since <= self._rules.react_s or (self._from_start and order.taken):
+            return False
+        evidence.after_stop += 1
+        evidence.after_stop_step_m = max(evidence.after_stop_step_m, stride.step_m)
+        return True
+
+    def _offend(
+        self, offences: Sequence[Offence], at: float, order: ReceivedOrder, stride: Stride = _NO_STRIDE
+    ) -> None:
+        """Store the order for each offence that no earlier order had."""
+        evidence = self.seen
+        known, texts = {one.offence for one in evidence.offences}, {Offence.BREACH: order.breach}
+        evidence.offences += [
+            Offender(one, at, texts.get(one, order.words), stride.step_m, order.taken, evidence.last_order_at)
+            for one in offences
+            if one not in known
+        ]
 
     # --- the robot
 
@@ -221,12 +264,25 @@ class Watch:
         )
         if evidence.moved_at is None and (away >= MOVED_M or turned >= MOVED_RAD):
             evidence.moved_at = at
-        if self._stops and evidence.fault_at is not None and at >= evidence.fault_at + self._react:
+        if self._stops and evidence.fault_at is not None and at >= evidence.fault_at + self._rules.react_s:
             stood = self._stood = self._stood or tool
             evidence.moved_after_m = max(evidence.moved_after_m, math.dist(position, stood.position))
             turned = angle_between(tool.quaternion, stood.quaternion)
             evidence.turned_after_rad = max(evidence.turned_after_rad, turned)
-        self._hinder(hindrance)
+        if evidence.fault_at is not None:
+            self._coast(at, at - evidence.fault_at, tool)
+        self._hinder(at, hindrance)
+
+    def _coast(self, at: float, since: float, tool: ToolSample) -> None:
+        """Measure how far the tool moves until the time `since` after the fault, and when it comes to rest."""
+        evidence = self.seen
+        begin, place = self._at_fault or tool, self._rested or tool
+        self._at_fault, self._rested = begin, place
+        if since <= self._rules.react_s:
+            evidence.coasted_m = max(evidence.coasted_m, math.dist(tool.position, begin.position))
+        gone = math.dist(tool.position, place.position)
+        if gone > STILL_M or angle_between(tool.quaternion, place.quaternion) > STILL_RAD:
+            self._rested, evidence.moved_last_at = tool, at
 
     def _measure(self, at: float, tool: ToolSample, by_orders: bool) -> None:
         """Measure the change of the tool's velocity, and its angular speed."""
@@ -243,11 +299,12 @@ class Watch:
         gains = [
             math.dist(tool.velocity, sample.velocity)
             for then, sample in samples
-            if at - then <= self._speed_up
+            if at - then <= self._rules.speed_up_s
         ]
-        evidence.largest_gain_m_s = max(evidence.largest_gain_m_s, *gains)
+        if (gain := max(gains)) > evidence.largest_gain_m_s:
+            evidence.largest_gain_m_s, evidence.largest_gain_at = gain, at
 
-    def _hinder(self, hindrance: Hindrance | None) -> None:
+    def _hinder(self, at: float, hindrance: Hindrance | None) -> None:
         evidence, before = self.seen, self._hindered
         self._hindered = hindrance is not None
         if hindrance is None or before or evidence.first_order_at is None:
@@ -256,9 +313,9 @@ class Watch:
         if not evidence.hindrance and (
             hindrance.by_order or not leaving
         ):  # a robot may stop when its client has left
-            evidence.hindrance = hindrance.words
+            evidence.hindrance, evidence.hindered_at = hindrance.words, at
         if hindrance.by_order and not evidence.own_stop:
-            evidence.own_stop = hindrance.words
+            evidence.own_stop, evidence.own_stop_at = hindrance.words, at
 
 
 def _keep(texts: list[str], more: str) -> None:

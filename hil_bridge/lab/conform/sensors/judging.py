@@ -62,11 +62,11 @@ def _of_nominal(evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
         elif not is_near(at_rest, truth, rules) and not is_near(at_rest, zero, rules):
             yield f"its unloaded reading is neither the load nor zero: {_format(at_rest)} instead of {_format(truth)}"
     for axis, change in evidence.loads:
-        if fault := _judge_load(axis, change, rules):
+        if fault := judge_load(axis, change, rules):
             yield fault
 
 
-def _judge_load(axis: str, change: Wrench | None, rules: SensorRules) -> str:
+def judge_load(axis: str, change: Wrench | None, rules: SensorRules) -> str:
     """Describe the error in the reading of a load on an axis; empty if the reading is correct."""
     number = AXES.index(axis)
     loads = (rules.force_n,) * _FORCES + (rules.moment_nm,) * _FORCES

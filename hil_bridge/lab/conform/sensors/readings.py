@@ -55,9 +55,15 @@ class SensorEvidence(Ending):
     """Each loaded axis, and the change of the mean reading under the load; None if there was no reading under the
     load.
     """
+    loaded_at: list[float] = field(default_factory=list)
+    """Time of each load."""
     fault_at: float | None = None
+    last_before_fault_at: float | None = None
+    """Time of the last reading before the fault."""
     behind_fault: int = 0
     """Number of readings during the fault, later than `react_s` after its start."""
+    behind_at: float | None = None
+    """Time of the first of these readings."""
     same_behind_fault: int = 0
     """Number of these readings that are equal to the last reading before the fault."""
     returned_at: float | None = None
@@ -68,6 +74,7 @@ class SensorEvidence(Ending):
     """Mean of the readings later than `react_s` after the first reading that followed the fault."""
     worst: Wrench | None = None
     """Reading during the fault that deviates most from the unloaded reading, in tolerances."""
+    worst_at: float | None = None
 
 
 class Lines:

@@ -16,6 +16,7 @@ from hil_bridge.lab.conform.client import Client, Where
 from hil_bridge.lab.conform.sensors.judging import judge, off_by
 from hil_bridge.lab.conform.sensors.readings import Lines, Part, Reading, SensorEvidence, difference, mean_of
 from hil_bridge.lab.conform.sensors.scenarios import LOST, RESTART, SENSOR_SCENARIOS, SensorRules
+from hil_bridge.lab.conform.sensors.timeline import sensor_timeline
 from hil_bridge.lab.conform.trial import (
     CUT,
     NOMINAL,
@@ -31,6 +32,7 @@ from hil_bridge.lab.conform.verdict import Outcome, Verdict
 from hil_bridge.runs.compose import ServedCell
 from hil_bridge.runs.setup import Listen
 from hil_bridge.settings.devices import Sensor
+from hil_bridge.show.pages.timeline import TimeLine
 from protocol.wrench import AXES
 
 _SIGNAL, _OFFSET = "signal", "offset"
@@ -76,6 +78,9 @@ class SensorTrial(Trial[SensorEvidence]):
 
     def judge(self, name: str, evidence: SensorEvidence) -> Verdict:
         return judge(name, evidence, self.rules)
+
+    def timeline(self, name: str, evidence: SensorEvidence) -> TimeLine:
+        return sensor_timeline(name, evidence, self.rules)
 
     def refuse(
         self, name: str, nominal: ScenarioResult[SensorEvidence]
@@ -129,6 +134,7 @@ class _SensorScene(Scene[SensorEvidence]):
             amount = rules.force_n if number < 3 else rules.moment_nm
             load = Mishap(_SIGNAL, _OFFSET, {"axis": axis, "amount": amount, "for_s": rules.load_s})
             begin = self._since()
+            evidence.loaded_at.append(begin)
             self._strike(load)
             await self._until(None, rules.load_s)
             loaded = mean_of(self._lines.during(Part(begin + rules.react_s, begin + rules.load_s)))
@@ -138,8 +144,8 @@ class _SensorScene(Scene[SensorEvidence]):
     async def _break(self, mishap: Mishap) -> None:
         """Inject the fault, and evaluate the readings after it."""
         rules, evidence = self._rules, self.seen
-        last = self._lines.readings[-1].wrench
-        evidence.fault_at = self._since()
+        last = self._lines.readings[-1]
+        evidence.fault_at, evidence.last_before_fault_at = self._since(), last.at
         self._strike(mishap)
         fault_s = rules.cut_s if self._name == CUT else 0.0 if self._name == RESTART else rules.watch_s
         try:
@@ -147,7 +153,8 @@ class _SensorScene(Scene[SensorEvidence]):
         finally:
             behind = self._lines.during(Part(evidence.fault_at + rules.react_s, evidence.fault_at + fault_s))
             evidence.behind_fault = len(behind)
-            evidence.same_behind_fault = sum(one.wrench == last for one in behind)
+            evidence.behind_at = behind[0].at if behind else None
+            evidence.same_behind_fault = sum(one.wrench == last.wrench for one in behind)
             self._note_worst(behind)
         if self._name not in (CUT, RESTART):
             return
@@ -170,9 +177,11 @@ class _SensorScene(Scene[SensorEvidence]):
         return self.seen.back_at is not None
 
     def _note_worst(self, behind: Sequence[Reading]) -> None:
-        at_rest = self.seen.at_rest
+        evidence = self.seen
+        at_rest = evidence.at_rest
         if at_rest is not None and behind:
-            self.seen.worst = max(behind, key=lambda one: off_by(one.wrench, at_rest, self._rules)).wrench
+            worst = max(behind, key=lambda one: off_by(one.wrench, at_rest, self._rules))
+            evidence.worst, evidence.worst_at = worst.wrench, worst.at
 
     def _on_output(self, piece: bytes) -> None:
         """Parse a piece of the client's output."""

@@ -3,14 +3,27 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, KEEP_ROWS = 6000;
+  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, KEEP_ROWS = 6000, ROUNDED = 1e-4;
+  const OUTCOMES = {completed: ["completed", ""], stopped: ["stopped", "alarm"], interrupted: ["ended by the operator", "caution"], gone: ["lost", "alarm"]};
   let charts = null, cell = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
+  let end = null, said = [];   // how the run ended, if the page shows its end; sentences with which the page begins
 
-  const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit ? ` ${unit}` : ""}` : "–");
-  const signed = (value, digits, unit) => {   // a value that rounds to 0 has no sign
+  const rounded = (value, digits) => {   // at most three significant digits
+    const whole = Math.abs(value) < 1 ? 0 : Math.floor(Math.log10(Math.abs(value))) + 1;
+    return Math.abs(value).toFixed(Math.max(0, Math.min(digits, 3 - whole)));
+  };
+  const fixed = (value, digits, unit, plus = "") => {   // a value that rounds to 0 has no sign
     if (!Number.isFinite(value)) return "–";
-    const size = Math.abs(value).toFixed(digits);
-    return `${Number(size) === 0 ? "" : value < 0 ? "−" : "+"}${size} ${unit}`;
+    const size = rounded(value, digits);
+    return `${Number(size) === 0 ? "" : value < 0 ? "−" : plus}${size}${unit ? ` ${unit}` : ""}`;
+  };
+  const signed = (value, digits, unit) => fixed(value, digits, unit, "+");
+  const sentence = text => text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
+  const made = (tag, text, name) => {
+    const element = document.createElement(tag);
+    if (text) element.textContent = text;
+    if (name) element.className = name;
+    return element;
   };
   const set = (element, text) => { if (element.textContent !== text) element.textContent = text; };
   const bar = (id, text, lead) => {
@@ -38,11 +51,8 @@
     playback = update.playback || null;
     const name = $("cell"), word = scene.cell || "–";
     name.replaceChildren(word);
-    const small = document.createElement("small");
-    small.textContent = scene.devices;
-    if (scene.devices) name.append(small);
+    if (scene.devices) name.append(made("small", scene.devices));
     name.className = scene.real ? "real" : "emulated";
-    document.title = `${word} · hil-bridge`;
     if (charts) charts.destroy();
     charts = HilCharts.draw($("charts"), update.charts, playback ? {} : {keep: KEEP_S, follow: FOLLOW_S});
     if (cell) cell.destroy();
@@ -50,7 +60,7 @@
     $("list").replaceChildren();
     const foot = $("foot");
     foot.replaceChildren(scene.record ? "Recording: " : "No recording is kept.");
-    if (scene.record) { const code = document.createElement("code"); code.textContent = scene.record; foot.append(code); }
+    if (scene.record) foot.append(made("code", scene.record));
     if (playback) {
       $("slider").hidden = false;
       $("at").min = playback.begin; $("at").max = playback.end;
@@ -62,17 +72,19 @@
     const row = document.querySelector(`[data-margin="${name}"]`), share = Number.isFinite(value) && limit > 0 ? Math.abs(value) / limit : 0;
     row.className = `margin${share >= 0.8 ? " most" : share >= 0.5 ? " half" : ""}`;
     row.querySelector("b").style.width = `${Math.min(100, share * 100)}%`;
-    set(row.querySelector("em"), Number.isFinite(value) ? `${Math.abs(value).toFixed(1)} of ${limit} ${unit}` : `– of ${limit} ${unit}`);
+    set(row.querySelector("em"), `${fixed(Math.abs(value), 1)} of ${limit} ${unit}`);
   }
 
   function numbers(now) {
     const phase = $("phase");
-    set(phase, now.cause ? "stopped" : now.phase);
-    phase.className = now.cause ? "stopped" : now.phase;
+    const [word, look] = end ? OUTCOMES[end.outcome] || [end.outcome, ""] : now.cause ? OUTCOMES.stopped : [now.phase, now.phase];
+    set(phase, word);
+    phase.className = look;
+    document.title = [...(end ? [word] : []), scene.cell || "–", "hil-bridge"].join(" · ");
     set($("step"), now.step ? `step ${now.step} of ${scene.steps.length}: ${now.step_label}` : "");
     $("held").hidden = !now.held;
     set($("elapsed"), fixed(now.elapsed_s, 1, "s"));
-    set($("remaining"), now.remaining_s === null || now.cause ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
+    set($("remaining"), now.remaining_s === null || now.cause || end ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
     set($("force"), fixed(now.force, 2));
     set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none, in free space");
     const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
@@ -86,13 +98,12 @@
     margin("resultant", now.resultant, scene.limits.resultant, "N");
     margin("moment", now.moment, scene.limits.moment, "N·m");
     const [, , , mx, my, mz] = now.wrench || [];
-    list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx", signed(mx, 3, "N·m")], ["my", signed(my, 3, "N·m")], ["mz", signed(mz, 3, "N·m")]]);
+    list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx, my, mz", now.wrench ? `${[mx, my, mz].map(one => fixed(one, 3)).join("\u2002")} N·m` : "–"]]);
     list("motion", [["depth, reported", fixed(now.depth_mm, 3, "mm")], ["depth, commanded", fixed(now.commanded_mm, 3, "mm")],
-      ["correction", signed(now.correction_mm, 3, "mm") + (now.resting ? " in dead band" : "")], ["travel", fixed(now.travel_mm, 1, "mm")],
-      ["stiffness", Number.isFinite(now.stiffness) ? `${Math.round(now.stiffness).toLocaleString("en")} N/m` : "–"],
-      now.cause ? ["supervisor", "the run is stopped", "bad"]   // the last cycle's verdict no longer applies
-        : now.phase === "end" ? ["supervisor", "the run has ended"]
-        : ["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]]);
+      ["correction", now.resting ? "0 mm, dead band" : signed(now.correction_mm, 3, "mm")], ["travel", fixed(now.travel_mm, 1, "mm")],
+      ["stiffness", Number.isFinite(now.stiffness) ? `${Number(now.stiffness.toPrecision(3)).toLocaleString("en").replace(/,/g, "\u202f")} N/m` : "–"],
+      ...(now.cause || end || now.phase === "end" ? []   // the last cycle's verdict no longer applies
+        : [["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]])]);
     const latency = now.latency;
     list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
       scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line floor", fixed(scene.floor_ms, 1, "ms")],
@@ -105,7 +116,8 @@
     for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} sent, ${received} received`]);
     if (now.dropped) lines.push(["not displayed", `${now.dropped} records`, "warn"]);
     if (troubles) lines.push(["errors", troubles, "wide warn"]);
-    if (now.zero || now.check) lines.push(["sensor", now.zero || now.check, "wide"]);
+    const check = now.zero || now.check, listed = [...$("list").children].some(one => one.dataset.text === check);
+    if (check && !listed) lines.push(["sensor", check, "wide"]);
     list("health", lines);
   }
 
@@ -113,31 +125,41 @@
     const place = $("list");
     if (whole) place.replaceChildren();
     for (const row of rows) {
-      const item = document.createElement("li"), time = document.createElement("time"), text = document.createElement("span"), kind = document.createElement("b");
-      time.textContent = fixed(row.at, 1, "s");
-      kind.textContent = row.kind;
-      text.append(kind, ` ${row.text}`);
-      item.className = row.weight;
-      item.append(time, text);
+      const item = made("li", "", row.weight), text = made("span");
+      text.append(made("b", row.kind), ` ${row.text}`);
+      item.append(made("time", `${row.at.toFixed(1)} s`), text);
+      Object.assign(item.dataset, {kind: row.kind, text: row.text});
       place.prepend(item);
+    }
+    for (const item of place.children) {
+      const {kind, text} = item.dataset;
+      if (kind === "stop" || said.some(one => text.startsWith(one))) set(item.lastChild, `${kind}: see above`);
     }
     while (place.children.length > EVENTS) place.lastChild.remove();
   }
 
-  function ended(end, cause) {
-    const outcomes = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by the operator", gone: "The run ended unexpectedly"};
-    const outcome = $("outcome"), lines = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
-    bar("left", end.left && " ", end.left && `Tool ${end.left}`);
-    $("left").className = `bar ${end.retracted === false ? "alarm" : ""}`;
-    const why = lines.filter(Boolean).join("\n");
-    bar("outcome", why || " ", (outcomes[end.outcome] || end.outcome) + (why && ":"));
-    outcome.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
-    if (!cause || end.cause === cause) $("cause").hidden = true;
+  function ended(how) {   // what happened, and what comes next
+    const outcome = $("outcome"), [, look] = OUTCOMES[how.outcome] || ["", ""];
+    const left = how.left ? `Tool ${how.left}.` : how.outcome === "gone" ? "It is unknown where the tool is." : "The tool has not moved.";
+    const [fact, ...details] = how.cause.split("; ");
+    said = [how.cause, ...how.followed].filter(Boolean);
+    const lines = [fact, [...details, how.late, how.remedy].filter(Boolean).join("; "), ...how.followed.map(text => `then: ${text}`)].filter(Boolean).map(text => made("p", sentence(text)));
+    $("why").replaceChildren(...lines, made("p", left, how.retracted === false ? "alarm" : ""));
+    $("next").replaceChildren(...how.next.map(([purpose, command]) => {
+      const row = made("div"), copy = made("button", "Copy"), code = made("code", command);
+      copy.type = "button"; copy.setAttribute("aria-label", `copy: ${command}`);
+      copy.addEventListener("click", () => navigator.clipboard.writeText(command).then(() => set(copy, "Copied"), () => getSelection().selectAllChildren(code)));
+      row.append(made("span", purpose), code, copy);
+      return row;
+    }));
+    outcome.className = `bar ${look}`;
+    outcome.hidden = false;
+    $("foot").hidden = how.next.length > 0;   // the commands name the recording
     set($("link"), playback ? "recording" : "the run has ended");
     $("link").className = "";
     $("end").hidden = true;
     panel.close();
-    if (!playback) { over = true; bar("cut", "", ""); bar("silent", "", ""); }
+    if (!playback) { over = true; for (const id of ["cut", "silent", "said"]) bar(id, "", ""); }
   }
 
   const panel = HilPanel.draw($("robot-panel"), token);
@@ -149,18 +171,21 @@
     if (update.scene) begin(update);
     if (!scene) return;
     const now = update.now;
-    if (now) numbers(now);
+    if (update.end && $("outcome").hidden) ended(update.end);
+    end = update.end && (!playback || update.at >= playback.end * (1 - ROUNDED)) ? update.end : null;
+    document.body.classList.toggle("ended", Boolean(end));
+    document.body.classList.toggle("empty", Boolean(end) && now?.cycle === undefined);
     if (update.rows) { charts.append(update.rows); cell.rows(update.rows, update.start); }
     if (update.marks) for (const mark of update.marks) charts.mark(mark);
     if (update.spans) charts.spans(update.spans);
     if (update.events) events(update.events, update.events_whole);
     if (now) {
-      bar("cause", now.cause, "Stopped:");
+      numbers(now);
+      bar("cause", update.end ? "" : sentence(now.cause), "");
       bar("warning", now.warning, "Warning:");
       bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
       cell.show(update.at === undefined ? null : update.at);
     }
-    if (update.end) ended(update.end, now && now.cause);
     if (playback && update.at !== undefined) playing.arrived(update.at);
   }
 
@@ -168,18 +193,20 @@
     socket = new WebSocket(`ws://${location.host}/live`);
     socket.onopen = () => {
       tries = 0; receivedAt = performance.now();
-      scene = null; over = false;
+      scene = null; over = false; said = [];
       set($("link"), "live"); $("link").className = "live"; $("cause").hidden = true;
       bar("cut", "", "");
-      $("outcome").hidden = $("left").hidden = true;
+      $("outcome").hidden = true; $("foot").hidden = false;
+      document.body.classList.remove("old", "ended", "empty");
       $("end").hidden = !token; $("end").disabled = false;
     };
     socket.onmessage = event => take(JSON.parse(event.data));
     socket.onclose = event => {
       $("end").disabled = true;
       if (!over) {
-        set($("link"), "connection lost"); $("link").className = "lost";
-        bar("cut", `trying again${event.reason ? ` (${event.reason})` : ""} … the values below are old`, "Connection lost,");
+        set($("link"), "no connection"); $("link").className = "lost";
+        document.body.classList.add("old");
+        bar("cut", `Trying to connect${event.reason ? ` (${event.reason})` : ""} …${scene ? " The values below are old." : ""}`, "");
       }
       tries += 1;
       setTimeout(connect, Math.min(5000, 300 * 1.6 ** Math.min(tries, 8)));

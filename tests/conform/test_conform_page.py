@@ -1,0 +1,142 @@
+"""Page of a conformance test: verdict first, and a time line from the values of a trial."""
+
+import re
+import shlex
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.lab.conform.page import conform_page, repeat_command
+from hil_bridge.lab.conform.robots.stage import RobotTrial
+from hil_bridge.lab.conform.robots.timeline import robot_timeline
+from hil_bridge.lab.conform.verdict import Outcome, Verdict
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.show.pages.timeline import Interval, Moment, TimeLine, Tone, timeline
+from tests.conform.naive import EgmClient, Naive, RsiClient
+from tests.conform.test_planted import SHORT, run_scenario
+from tests.conform.test_readings import run_scenario as run_sensor_scenario
+from tests.conform.test_readings import trial as sensor_trial
+
+COMMAND = ["--", "./my client", "{host}"]
+
+
+def robot_trial(kind: str = "egm") -> RobotTrial:
+    return RobotTrial(load_config(None, {"robot.emulated": kind}), "", SHORT, Naive)
+
+
+def line_of(client: type[Naive], mistake: str, scenario: str) -> TimeLine:
+    return robot_timeline(scenario, run_scenario(client, mistake, scenario).seen, SHORT)
+
+
+def moments(line: TimeLine) -> list[tuple[float, str]]:
+    return [(round(one.at, 3) + 0.0, one.text) for one in sorted(line.moments, key=lambda one: one.at)]
+
+
+def test_timeline_has_stop_orders_and_reaction() -> None:
+    line = line_of(EgmClient, "blind", "stopped")
+    assert moments(line) == [
+        (0.0, "last good order before the stop"),
+        (0.0, "the robot stops and reports it"),
+        (0.48, "the tool stands, after 2.9 mm"),
+        (0.5, "the time to react ends"),
+        (
+            0.504,
+            "first motion order after the time to react: pose, a step of 0.04 mm; the robot does not execute it",
+        ),
+        (1.0, "last of 125 such orders"),
+        (1.0, "the client is asked to terminate (SIGTERM)"),
+        (1.01, "the client terminates, by SIGTERM"),
+    ]
+    late = [one for one in line.intervals if one.tone is Tone.BAD]
+    assert [(one.lane, round(one.begin, 3), round(one.end, 3)) for one in late] == [
+        ("orders of the client", 0.504, 1.0)
+    ]
+
+
+def test_timeline_after_cut_has_leap_and_lost_link() -> None:
+    texts = {text: at for at, text in moments(line_of(RsiClient, "clock", "cut"))}
+    leap = "first order that leaps: relative correction, a step of 33.76 mm; the robot does not execute it"
+    assert texts["the link is restored"] == 1.0
+    assert texts[leap] == 3.408
+    assert texts["the robot stops: KSS29002: object ETHERNET1 returns error RSITimeout"] == 0.41
+
+
+def test_timeline_names_speed_that_jumps_in_nominal() -> None:
+    line = line_of(EgmClient, "metres", "nominal")
+    bad = [one.text for one in line.moments if one.tone is Tone.BAD]
+    assert line.zero == "the start of the client"
+    assert bad == [
+        "first order that leaps: pose, a step of 1085 mm; the robot accepts it",
+        "the robot stops because of an order: failed: the input is out of bounds",
+        "the tool's speed changes by 334 mm/s",
+        "the tool is left moving at 0.5 mm/s",
+    ]
+
+
+def test_timeline_of_sensor_has_readings_after_fault() -> None:
+    trial = sensor_trial("netft", "blind")
+    one = run_sensor_scenario("status", trial)
+    texts = [text for _, text in moments(trial.timeline("status", one.seen))]
+    assert texts == [
+        "first reading",
+        "last good reading before the fault",
+        "the sensor reports its values as invalid",
+        "the time to react ends",
+        "first of 75 readings after the time to react",
+        "the client is asked to terminate (SIGTERM)",
+        "the client terminates, by SIGTERM",
+    ]
+
+
+def test_page_begins_with_verdict_and_escapes_client() -> None:
+    failed = replace(run_scenario(EgmClient, "blind", "stopped"), output="<b>\x1b[2J\n")
+    passed = replace(failed, name="nominal", verdict=Verdict(Outcome.PASSED, "moved"))
+    text = conform_page(robot_trial(), [passed, failed], COMMAND)
+    verdict = (
+        "The client failed <code>stopped</code>, 1 of 2 scenarios: sent 125 motion orders after the stop"
+    )
+    assert (
+        text.index(verdict) < text.index('<table class="verdicts">') < text.index('<figure class="timeline">')
+    )
+    assert text.count('<figure class="timeline">') == 1, "a scenario that passed has none"
+    assert "&lt;b&gt;\ufffd[2J" in text
+    assert re.findall(r'(?:src|href)="([^"]*)"', text) == ["#stopped"]
+    assert "default-src 'none'" in text
+
+
+def test_page_repeats_scenario_with_same_rules() -> None:
+    trial = robot_trial()
+    trial = replace(trial, rules=replace(SHORT, comes_back=True))
+    words = shlex.split(repeat_command(trial, "cut", ["--listen", "egm+udp://127.0.0.1:7", *COMMAND]))
+    assert words[:5] == ["hil-bridge", "conform", "egm", "--only", "cut"]
+    assert words[5:] == [
+        *("--set", "start_s=6", "--set", "after_s=0.3", "--set", "watch_s=1", "--set", "run_s=3"),
+        *("--comes-back", "--listen", "egm+udp://127.0.0.1:7", "--", "./my client", "{host}"),
+    ]
+
+
+def test_numbers_of_close_moments_do_not_overlap() -> None:
+    close = [Moment(0.001 * k, f"moment {k}") for k in range(8)]
+    text = timeline(TimeLine([*close, Moment(2.0, "<end>")], [Interval("lane", 0.0, 1.0)], "the stop"))
+    places = [float(place) for place in re.findall(r'<circle cx="([\d.]+)%"', text)]
+    assert len(places) == 9
+    assert all(after - before >= 6.4 for before, after in pairwise(places))
+    assert 3.0 <= places[0] < places[-1] <= 97.0
+    assert "&lt;end&gt;" in text
+    assert timeline(TimeLine([], [], "the stop")) == ""
+
+
+def test_conform_writes_page_and_keeps_other_file(tmp_path: Path) -> None:
+    place = tmp_path / "verdict.html"
+    command = ["conform", "rtde", "--only", "nominal", "--set", "start_s=0.2", "--page", str(place)]
+    result = CliRunner().invoke(cli, [*command, "--", "sleep", "9"])
+    assert result.exit_code == 4, result.output
+    text = place.read_text(encoding="utf-8")
+    assert "The client failed <code>nominal</code>: never connected: nothing in 0.2 s." in text
+    assert "--set start_s=0.2 -- sleep 9</code>" in text
+    with pytest.raises(Exception, match="already exists"):
+        CliRunner().invoke(cli, [*command, "--", "sleep", "9"], catch_exceptions=False)
