@@ -21,7 +21,7 @@ def doctor(config_file: Path | None, robot_file: Path | None, as_json: bool) -> 
 
     With RSI.xml, the Ethernet configuration of a KUKA controller, it lists the differences from CONFIG.toml.
     With a configuration it also checks the ports that its URLs name; the exit code is 3 when one cannot work. Nothing
-    is sent to any device, except four requests to the web services that a robot's URL names.
+    is sent to any device, except requests for the state of a robot that has a second channel, such as web services.
     """
     from hil_bridge.site.doctor import doctor as examine
     from hil_bridge.site.facts import Fact

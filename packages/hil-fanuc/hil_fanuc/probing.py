@@ -2,15 +2,19 @@
 
 No stop packet is sent, because it would end the session of another client, and no start packet, because it would raise
 an alarm. The session of the Remote Motion Interface is held for the time of the probe.
+
+`hil-bridge doctor` probes the Remote Motion Interface alone.
 """
 
 import asyncio
 from collections.abc import Sequence
 from typing import Any
 
+from hil_bridge.clock import Clock
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.probe import FIRST_S, ProbeResult
 from hil_bridge.devices.wiring import Wiring
-from hil_bridge.errors import DeviceError
+from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.errors.failures import link_cause
 from hil_bridge.transports.pump import Pump
 from hil_fanuc import rmi
@@ -35,9 +39,10 @@ class Done:
 class Prober(Mailbox[Piece | OpenSession, Done]):
     """Endpoint that carries out the script of a probe."""
 
-    def __init__(self, settings: FanucSettings, now: float) -> None:
+    def __init__(self, settings: FanucSettings, now: float, asks_stream: bool) -> None:
+        """Begin the script. `asks_stream` says whether it asks over Stream Motion too."""
         super().__init__()
-        self._startup = Startup(settings)
+        self._startup, self._asks_stream = Startup(settings), asks_stream
         self._lines = {Channel.DOOR: rmi.LineReader(), Channel.SESSION: rmi.LineReader()}
         self.failure = NO_TROUBLE
         self.answers: dict[str, rmi.Message] = {}
@@ -51,10 +56,11 @@ class Prober(Mailbox[Piece | OpenSession, Done]):
         return self._startup.controller
 
     def _run(self) -> Script:
-        try:
-            yield from self._startup.read_facts()
-        except Failed as failed:
-            self.failure = failed.trouble
+        if self._asks_stream:
+            try:
+                yield from self._startup.read_facts()
+            except Failed as failed:
+                self.failure = failed.trouble
         yield from self._startup.connect()
         for name in ("FRC_GetStatus", "FRC_ReadError", "FRC_ReadJointAngles", "FRC_ReadCartesianPosition"):
             self.answers[name] = yield from self._startup.requests.line({"Command": name})
@@ -118,9 +124,23 @@ async def probe(url: str, settings: Any, wiring: Wiring) -> ProbeResult:
     """Probe the controller at a URL. Raises TransportUnavailable if a wire cannot be opened, DeviceError if nothing
     answers.
     """
-    client: FanucSettings = settings.client
+    return await _read(url, settings.client, wiring, asks_stream=True)
+
+
+async def ask_interface(url: str) -> ProbeResult:
+    """Probe the Remote Motion Interface of the controller at a URL. Raises DeviceError if it does not answer."""
+    clock = Clock.running()
+    try:
+        return await _read(url, FanucSettings(), Wiring("robot", clock, NullLog()), asks_stream=False)
+    except TransportUnavailable as error:
+        raise DeviceError(f"its Remote Motion Interface: {error.fact}", remedy=error.remedy) from error
+    finally:
+        clock.close()
+
+
+async def _read(url: str, client: FanucSettings, wiring: Wiring, asks_stream: bool) -> ProbeResult:
     wires = await connect_wires(url, wiring)
-    prober = Prober(client, wiring.clock.now())
+    prober = Prober(client, wiring.clock.now(), asks_stream)
     done: asyncio.Future[None] = wiring.clock.loop.create_future()
 
     def finish(event: object) -> None:
@@ -148,9 +168,8 @@ async def probe(url: str, settings: Any, wiring: Wiring) -> ProbeResult:
 
 def _rows(prober: Prober, client: FanucSettings) -> list[tuple[str, str]]:
     controller = prober.controller
-    rows = [
-        ("robot", f"FANUC, Stream Motion {controller.version}, RMI {controller.rmi_version or 'unknown'}")
-    ]
+    stream = f"Stream Motion {controller.version}, " if controller.interval_ms else ""
+    rows = [("robot", f"FANUC, {stream}RMI {controller.rmi_version or 'unknown'}")]
     if controller.interval_ms:
         rows.append(("sampling period", f"{controller.interval_ms} ms"))
     for limit, unit in zip(Limit, ("°/s", "°/s²", "°/s³"), strict=True):

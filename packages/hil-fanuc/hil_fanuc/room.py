@@ -17,7 +17,7 @@ from hil_fanuc.emulator_fit import match
 from hil_fanuc.facts import robot_facts
 from hil_fanuc.faults import FANUC_FAULTS
 from hil_fanuc.panel import FANUC_CONTROLS
-from hil_fanuc.probing import probe
+from hil_fanuc.probing import ask_interface, probe
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.settings import FanucSettings
 from hil_fanuc.wires import connect_wires, parse_address, serve_robot
@@ -79,5 +79,6 @@ ROBOT = RobotKind(
     parse=_parse,
     describe=describe,
     probe=probe,
+    read_side_channel=ask_interface,
     usual_wire="udp://{host}",
 )

@@ -31,7 +31,7 @@ from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.emulator_fit import RobotFigures
 from hil_bridge.devices.kinds import KindSettings
 from hil_bridge.devices.wiring import Wiring
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.testing import RobotCase
 from hil_bridge.testing.robot_rig import RobotRig, run_robot
 
@@ -108,8 +108,29 @@ def test_probe_reports_why_a_run_would_not_start() -> None:
 
 def test_probe_of_a_hanging_server_reads_the_rest() -> None:
     rows, refusals, _ = probed(lambda rig: rig.robot.abort_tasks(rig.clock.now()))
+    assert rows["robot"] == "FANUC, RMI 9.0"
     assert rows["position"] == "900.0 -100.0 355.0 mm, world"
     assert refusals == ["it does not answer the capability request over Stream Motion"]
+
+
+def test_doctor_reads_the_interface_and_leaves_the_stream_alone() -> None:
+    results: list[Any] = []
+
+    async def ask(rig: RobotRig) -> None:
+        rig.robot.program.press_stop(rig.clock.now())
+        rig.robot.abort_tasks(rig.clock.now())
+        assert ROBOT.read_side_channel is not None
+        results.append(await ROBOT.read_side_channel("udp+memory:fanuc"))
+        with pytest.raises(DeviceError, match="its Remote Motion Interface: "):
+            await ROBOT.read_side_channel("udp+memory:nobody")
+
+    run_robot(RobotCase(ROBOT), ask)
+    assert dict(results[0].rows) == {
+        "robot": "FANUC, RMI 9.0",
+        "position": "900.0 -100.0 355.0 mm, world",
+        "alarm": "SRVO-289 Motion stopped by an emergency stop",
+    }
+    assert [trouble.fact for trouble in results[0].refusals] == ["its servos are off"]
 
 
 # --- panel
