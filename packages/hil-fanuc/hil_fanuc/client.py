@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hil_fanuc import rmi
-from hil_fanuc.arms import FanucArm, Joints, from_pendant, straight_tool, to_pendant, tool_of
+from hil_fanuc.arms import MODELS, FanucArm, Joints, from_pendant, straight_tool, to_pendant, tool_of
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.limits import AxisLimits, LimitTable
 from hil_fanuc.numbering import Numbering
@@ -275,6 +275,13 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         self._stream = _Stream(
             self._startup.controller.limits, None, report.joints[6:], bool(report.status & Status.READY)
         )
+        own, speeds = MODELS[self._settings.model].speeds_deg_s, self._startup.controller.speeds_deg_s
+        if speeds != own:
+            self._notice(
+                "model",
+                f"its joints are limited to {_listed(speeds)} °/s, those of a {self._settings.model} to"
+                f" {_listed(own)}: check robot.fanuc.model",
+            )
 
     # --- reports
 
@@ -373,3 +380,7 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         if text not in self._noticed and len(self._noticed) < NOTICES_MAX:
             self._noticed.add(text)
             self._events.append(StreamNotice(kind, text))
+
+
+def _listed(values: Sequence[float]) -> str:
+    return " ".join(f"{value:g}" for value in values)

@@ -178,9 +178,8 @@ def _rows(prober: Prober, client: FanucSettings) -> list[tuple[str, str]]:
         ]
         if values:
             rows.append((f"limits of {limit.name.lower()}", f"{' '.join(f'{v:g}' for v in values)} {unit}"))
-    if controller.thresholds:
-        own = MODELS[client.model].speeds_deg_s
-        speeds = tuple(controller.thresholds[axis, Limit.SPEED].no_load[-1] for axis in range(1, 7))
+    own, speeds = MODELS[client.model].speeds_deg_s, controller.speeds_deg_s
+    if len(speeds) == len(own):
         rows.append(("model", f"{client.model}{'' if speeds == own else ', whose joints have other speeds'}"))
     position = prober.answers.get("FRC_ReadCartesianPosition", {}).get("Position", {})
     if position:

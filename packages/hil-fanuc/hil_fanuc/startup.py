@@ -65,6 +65,12 @@ class Controller:
         """Limits of the joints."""
         return LimitTable(self.thresholds)
 
+    @property
+    def speeds_deg_s(self) -> tuple[float, ...]:
+        """Largest speeds of the joints of the arm, °/s, as far as the thresholds have been read."""
+        tables = (self.thresholds.get((axis, Limit.SPEED)) for axis in range(1, 7))
+        return tuple(table.no_load[-1] for table in tables if table is not None)
+
 
 class Startup:
     """Scripts of a client's start."""

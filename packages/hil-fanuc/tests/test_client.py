@@ -20,7 +20,7 @@ from hil_fanuc.settings import FanucSettings
 
 import hil_bridge
 from protocol.geometry import Pose, product, turn_about
-from protocol.robot import StreamLost
+from protocol.robot import StreamLost, StreamNotice
 
 NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}
 HOME = Pose(START.position, START.quaternion)
@@ -259,6 +259,16 @@ def test_wrong_model_is_detected_when_the_arm_moves() -> None:
         pair.run(0.008)
     pair.run(0.3)
     assert "do not fit its reported position with the dimensions of a m-10ia" in pair.reports[-1].fault
+
+
+def test_other_speeds_than_those_of_the_model_are_a_notice() -> None:
+    assert [event for event in started().events if isinstance(event, StreamNotice)] == []
+    pair = Pair(FanucProfile(model="m-10ia"))
+    pair.run(3.0)
+    assert [event.text for event in pair.events if isinstance(event, StreamNotice)] == [
+        "its joints are limited to 210 190 210 400 400 600 °/s, those of a crx-10ia/l to 120 120 180 180 180 180:"
+        " check robot.fanuc.model"
+    ]
 
 
 # --- faults of a stream
