@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from hil_bridge.clock import Clock
+from hil_bridge.devices.client_port import Accept, ClientPort
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.errors import TransportClosed
 from hil_bridge.errors.event_kinds import EventKind
@@ -91,6 +92,15 @@ class Serving:
         for `serve_bytes`.
         """
         return await opening.listen_bytes(url, self.clock)
+
+    async def serve_clients(self, url: str, accept: Accept) -> str:
+        """Serve any number of clients at a time on `tcp-listen://HOST:PORT` or `memory:NAME`, each with the endpoint
+        that `accept` returns. Return the URL for a client. Errors as for `serve_bytes`.
+        """
+        port = ClientPort(accept, self.clock, self.pumps, self.on_failure)
+        address = await port.listen(url)
+        self.stack.push_async_callback(port.aclose)
+        return address
 
     async def serve_can(self, url: str, endpoint: Any, accept: Sequence[CanFilter] = ()) -> str:
         """Serve an endpoint on CAN frames that match one of the filters, or on all frames if there are no filters."""

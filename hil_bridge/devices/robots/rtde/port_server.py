@@ -1,23 +1,18 @@
 """Ports of the emulated controller. Each port accepts any number of clients."""
 
-import asyncio
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any
 
-from emulators.devices.rtde import ProgramMessage, RtdeRobot
+from emulators.devices.rtde import ProgramMessage, RtdeRobot, Server
 from hil_bridge.clock import Timer
 from hil_bridge.clock.realtime import gc_off
+from hil_bridge.devices.client_port import Accept, ClientEndpoint
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
-from hil_bridge.devices.robots.rtde.program_wires import Hangup, HangupEndpoint, ProgramWires
+from hil_bridge.devices.robots.rtde.program_wires import ProgramWires
 from hil_bridge.devices.wiring import Serving
-from hil_bridge.errors import TransportError
 from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 from hil_bridge.transports import Transport
-from hil_bridge.transports.memory import listen_memory_clients
-from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.serial.files import FileWire
-from hil_bridge.transports.tcp import listen_tcp_clients
 from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
@@ -41,14 +36,31 @@ class _ErrorLog:
         """Ignore the safety mode, because the view and the panel show it."""
 
 
+class _Client:
+    """Controller's end of the connection of one client: a `ClientEndpoint`."""
+
+    def __init__(self, robot: RtdeRobot, port: Port, server: Server) -> None:
+        self._robot, self._port, self._server = robot, port, server
+        self.receive, self.data_to_send, self.next_event = (
+            server.receive,
+            server.data_to_send,
+            server.next_event,
+        )
+        self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
+
+    @property
+    def closing(self) -> bool:
+        return self._server.closing
+
+    def close(self, now: float) -> None:
+        self._robot.leave(self._port, self._server, now)
+
+
 class Ports:
     """Listening ports of one controller."""
 
     def __init__(self, robot: RtdeRobot, serving: Serving) -> None:
         self._robot, self._serving = robot, serving
-        self._wires: set[Transport[bytes]] = set()
-        self._closing: set[asyncio.Task[None]] = set()
-        self._stops: list[Callable[[], None]] = []
         self._compiling = serving.stack.enter_context(ExitStack())
         """Contexts that are active while a program is compiled."""
         serving.stack.push_async_callback(self._close)
@@ -65,10 +77,7 @@ class Ports:
             self._robot.controller.player.uploads.spread = self._begin_to_compile
         if address.name:
             for port in PORTS:
-                accept = self._acceptor(port)
-                self._stops.append(
-                    listen_memory_clients(address.memory_name(port), self._serving.clock, accept)
-                )
+                await self._serving.serve_clients(f"memory:{address.memory_name(port)}", self._acceptor(port))
             return f"memory:{address.name}"
         self._programs.offer()
         ports: dict[Port, int] = {}
@@ -77,11 +86,8 @@ class Ports:
             numbers = (address.ports[port],) if port in address.ports else (0,) if free else usual
             for number in numbers:
                 name = f"tcp-listen://{address.authority}:{number}"
-                stop, _, real = await listen_tcp_clients(
-                    address.host, number, self._serving.clock, name, self._acceptor(port)
-                )
-                self._stops.append(stop)
-                ports.setdefault(port, real)
+                real = await self._serving.serve_clients(name, self._acceptor(port))
+                ports.setdefault(port, int(real.rpartition(":")[2]))
         if ports == {port: usual[0] for port, usual in PORTS.items() if usual}:
             return f"tcp://{address.authority}"
         options = "&".join(f"{port}={number}" for port, number in ports.items() if port is not Port.RTDE)
@@ -123,57 +129,19 @@ class Ports:
             return
         self._beat = clock.call_at(now + BEAT_S, self._keep_pace)
 
-    def _acceptor(self, port: Port) -> Callable[[Transport[bytes]], None]:
-        return lambda wire: self._welcome(port, wire)
+    def _acceptor(self, port: Port) -> Accept:
+        return lambda wire, now: self._connect(port, wire, now)
 
-    def _welcome(self, port: Port, wire: Transport[bytes]) -> None:
-        clock = self._serving.clock
-        server = self._robot.connect(port, clock.now())
-        self._wires.add(wire)
-        if server is None:
-            wire.start(_ignore, _ignore)
-            self._hang_up(wire)
-            return
-        if isinstance(wire, FileWire):
+    def _connect(self, port: Port, wire: Transport[bytes], now: float) -> ClientEndpoint | None:
+        server = self._robot.connect(port, now)
+        if server is not None and isinstance(wire, FileWire):
             server.spare(lambda: wire.queued > 0)
-
-        def ended(cause: BaseException) -> None:
-            self._robot.leave(port, server, clock.now())
-            self._serving.pumps.remove(pump)
-            self._hang_up(wire)
-            if not isinstance(cause, TransportError):
-                self._serving.on_failure(cause)
-
-        def hang_up(event: Any) -> None:
-            rest = server.data_to_send(clock.now())
-            if rest:
-                wire.send(rest)
-            self._hang_up(wire)
-
-        pump: Pump[bytes, Hangup] = Pump(HangupEndpoint(server), wire, clock, hang_up, ended)
-        self._serving.pumps.append(pump)
-        pump.start()
-
-    def _hang_up(self, wire: Transport[bytes]) -> None:
-        """Close a wire without waiting."""
-        self._wires.discard(wire)
-        task = self._serving.clock.loop.create_task(wire.aclose())
-        self._closing.add(task)
-        task.add_done_callback(self._closing.discard)
+        return None if server is None else _Client(self._robot, port, server)
 
     async def _close(self) -> None:
         if self._beat is not None:
             self._beat.cancel()
-        for stop in self._stops:
-            stop()
-        for wire in list(self._wires):
-            await wire.aclose()
         await self._programs.aclose()
-        await asyncio.gather(*self._closing)
-
-
-def _ignore(event: object) -> None:
-    """Ignore data from a connection that is closed at once."""
 
 
 async def serve(url: str, robot: RtdeRobot, serving: Serving) -> str:

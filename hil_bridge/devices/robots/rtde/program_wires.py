@@ -9,6 +9,7 @@ import ipaddress
 from typing import Any
 
 from emulators.devices.rtde import ProgramSocket, RtdeRobot, Server
+from hil_bridge.devices.client_port import Hangup, HangupEndpoint
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
@@ -20,26 +21,6 @@ OPENING_MAX = 16
 """Maximum number of simultaneous pending connections. Chosen."""
 _NAME_LENGTH = 80
 """Maximum number of printed characters of a server name. Chosen."""
-
-
-class Hangup:
-    """Event that reports that a device closes its connection."""
-
-
-class HangupEndpoint:
-    """Endpoint of a server that reports when the device closes its connection."""
-
-    def __init__(self, server: Server) -> None:
-        self._server = server
-        self._told = False
-        self.receive, self.data_to_send = server.receive, server.data_to_send
-        self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
-
-    def next_event(self) -> Hangup | None:
-        if self._server.closing and not self._told:
-            self._told = True
-            return Hangup()
-        return None
 
 
 class ProgramWires:
