@@ -109,7 +109,7 @@ class HexClient(Outbox[bytes]):
         stream, sample, status, *counts = _unpack(datagram)
         arrived, events = arrived_at(datagram, now), self._sensor_events
         if not self._requests:
-            self._due = arrived + self._silence
+            self._due = max(self._due or 0.0, arrived + self._silence)  # a straggler has an earlier arrival
         if not events.ready:
             if self._requests or not self._is_usable(status, arrived):
                 return  # of an earlier stream, with another rate or a bias; or with an error
@@ -145,7 +145,7 @@ class HexClient(Outbox[bytes]):
             if not step or not 0 < (sample - self._sample) % WRAP < WRAP // 2:
                 self.statistics.repeated += 1
                 self._behind += bool(step)
-                if not step or (not self._starts and self._behind < _BEHIND_LIMIT):
+                if not step or self._behind < _BEHIND_LIMIT:
                     return False
                 self._sensor_events.tell(SensorRestarted())
             step = 1

@@ -210,6 +210,7 @@ class HexSensor:
         self._stream = None
 
     def _take_bias(self, now: float) -> None:
+        self._send_due(now)
         self._read_to(self._measured.number_at(now - self.profile.latency_s))
         if self.filter.output is not None:
             self._bias = list(self.filter.output)

@@ -199,7 +199,9 @@ class FtsClient(Outbox[Piece]):
             self.statistics.malformed += 1
             return
         arrived = arrived_at(datagram, now)
-        self._due = arrived + self._settings.silence_s
+        self._due = max(
+            self._due or 0.0, arrived + self._settings.silence_s
+        )  # a straggler has an earlier arrival
         events = self._sensor_events
         if not events.ready:
             if not self._is_usable(packet.status, arrived):
@@ -242,7 +244,7 @@ class FtsClient(Outbox[Piece]):
                 self.statistics.standing += 1
                 return False
             self._behind += 1
-            if not self._starts and self._behind < _BEHIND_LIMIT:
+            if self._behind < _BEHIND_LIMIT:
                 return False
             self._sensor_events.tell(SensorRestarted())
             step = 1

@@ -224,6 +224,7 @@ class FtsSensor:
         self._stop(now)
 
     def _tare(self, now: float) -> None:
+        self._send_due(now)
         number = self._measured.number_at(now - self.profile.latency_s)
         self._offset = self._read(number)
 
