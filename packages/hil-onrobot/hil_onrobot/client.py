@@ -13,7 +13,7 @@ from protocol.arrival_clock import ArrivalClock
 from protocol.datagram import arrived_at
 from protocol.outbox import Outbox
 from protocol.sensor_events import SensorEventQueue
-from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
+from protocol.wrench import SensorFacts, SensorStatistics
 
 _STOP_AGAIN_S = 0.02
 """Time after which a stop is repeated while records still arrive, s. Chosen."""
@@ -147,7 +147,7 @@ class HexClient(Outbox[bytes]):
                 self._behind += bool(step)
                 if not step or self._behind < _BEHIND_LIMIT:
                     return False
-                self._sensor_events.tell(SensorRestarted())
+                self._sensor_events.restart()
             step = 1
         elif sample == self._sample:
             self.statistics.repeated += 1

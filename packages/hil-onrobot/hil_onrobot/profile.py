@@ -83,7 +83,7 @@ class HexProfile:
     first_client_only: bool = setting(
         False,
         Mark.ASSUMED,
-        "only the first address is served until a power cycle, as told of another device with such records",
+        "only the first address is served until a power cycle, as reported of another device with such records",
     )
     tcp_port: int = setting(
         0,

@@ -41,7 +41,7 @@ def test_stream_has_rate_numbers_and_receiver() -> None:
     assert bench.sensor.sampled_at(99) is None
 
 
-def test_start_with_number_ends_by_itself_and_counts_anew() -> None:
+def test_start_with_number_ends_by_itself_and_counts_from_one() -> None:
     bench = Bench()
     for _ in range(2):
         bench.send(Command.START, 0x00050005)  # as the public driver would send 5

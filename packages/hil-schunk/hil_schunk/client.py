@@ -39,7 +39,7 @@ from protocol.datagram import arrived_at
 from protocol.endpoint import RemoteProtocolError
 from protocol.outbox import Outbox
 from protocol.sensor_events import SensorEventQueue
-from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
+from protocol.wrench import SensorFacts, SensorStatistics
 
 
 class Port(StrEnum):
@@ -246,7 +246,7 @@ class FtsClient(Outbox[Piece]):
             self._behind += 1
             if self._behind < _BEHIND_LIMIT:
                 return False
-            self._sensor_events.tell(SensorRestarted())
+            self._sensor_events.restart()
             step = 1
         else:
             self.statistics.lost += step - 1
