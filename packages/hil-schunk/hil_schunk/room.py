@@ -5,6 +5,7 @@ UDP port 54843 of the computer that holds the connection; `?data_port=` in the U
 the commands are in memory at `memory:NAME`, the measurements at `udp+memory:NAME-data`.
 """
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from emulators.seams import SensorFactory
@@ -18,6 +19,7 @@ from hil_bridge.transports.tcp import peer_of
 from hil_bridge.transports.urls import (
     CONNECT_BYTES,
     LISTEN_BYTES,
+    LISTEN_DATAGRAMS,
     WireUrl,
     parse_url,
     split_option,
@@ -58,20 +60,27 @@ def _data_name(parsed: WireUrl) -> str:
     return f"{parsed.target}-data"
 
 
-async def _connect(url: str, settings: _Settings, wiring: Wiring) -> tuple[Transport[Any], FtsClient]:
+def _data_url(url: str, settings: _Settings) -> str:
+    """Return the URL at which the client receives measurements."""
     commands_url, port = split_url(url)
     parsed, client = parse_url(commands_url, _WIRES), settings.client
-    data_url = f"udp-bind://{client.data_address}:{port or client.data_port}"
-    if parsed.scheme == "memory":
-        data_url = f"udp+memory:{_data_name(parsed)}"
-    data = await wiring.datagrams(f"{data_url}?strangers=refuse", speak_first=False)
+    here = f"udp-bind://{client.data_address}:{port or client.data_port}"
+    return f"{f'udp+memory:{_data_name(parsed)}' if parsed.scheme == 'memory' else here}?strangers=refuse"
+
+
+def _other_wires(url: str, settings: _Settings) -> Sequence[WireUrl]:
+    return [parse_url(_data_url(url, settings), LISTEN_DATAGRAMS)]
+
+
+async def _connect(url: str, settings: _Settings, wiring: Wiring) -> tuple[Transport[Any], FtsClient]:
+    data = await wiring.datagrams(_data_url(url, settings), speak_first=False)
     try:
-        commands = await wiring.bytes(commands_url)
+        commands = await wiring.bytes(split_url(url)[0])
     except BaseException:
         await data.aclose()
         raise
     bundle = Bundle(url, {Port.DATA: data, Port.COMMANDS: commands}, Port.COMMANDS)
-    return bundle, FtsClient(client, wiring.clock.now())
+    return bundle, FtsClient(settings.client, wiring.clock.now())
 
 
 def _make(settings: _Settings) -> SensorFactory:
@@ -120,4 +129,5 @@ SENSOR = SensorKind(
     parse=_parse,
     describe=describe,
     period=lambda settings: PERIOD_S,
+    other_wires=_other_wires,
 )

@@ -65,6 +65,12 @@ def test_url_may_name_the_data_port(url: str, parts: tuple[str, int | None]) -> 
     assert SENSOR.parse(url, default_settings(SENSOR)).scheme == "tcp"
 
 
+def test_doctor_is_given_the_wire_of_the_data() -> None:
+    assert SENSOR.other_wires is not None
+    (wire,) = SENSOR.other_wires("tcp://h:82?data_port=5000", default_settings(SENSOR))
+    assert (wire.scheme, wire.host_port) == ("udp-bind", ("0.0.0.0", 5000))
+
+
 @pytest.mark.parametrize(
     "url", ["tcp://h:82?data_port=0", "tcp://h:82?data_port=x", "udp://h:82", "serial:///x"]
 )

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,7 +166,7 @@ def test_tool_setting_moves_the_reference_of_moments() -> None:
     ],
 )
 def test_overload_is_in_the_status(
-    settings: dict[str, object], load: tuple[float, float, float, float, float, float], status: int
+    settings: dict[str, Any], load: tuple[float, float, float, float, float, float], status: int
 ) -> None:
     bench = Bench(**settings)
     bench.command(bench.connect(), Command.START)
@@ -256,9 +257,9 @@ def test_answers_follow_faults() -> None:
         ({"resolution_n": 0.0}, "resolution_n must be more than 0"),
     ],
 )
-def test_invalid_setting_is_named(settings: dict[str, object], message: str) -> None:
+def test_invalid_setting_is_named(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(SettingError, match=message):
-        FtsProfile(**settings)  # type: ignore[arg-type]
+        FtsProfile(**settings)
 
 
 def test_session_of_the_makers_library_is_repeated_to_the_byte() -> None:
