@@ -143,8 +143,8 @@ def test_status_is_described(status: int, words: str) -> None:
 def test_descriptions_name_command_parameter_and_value() -> None:
     request, answer = describe(bytes.fromhex("ffff00000400f0021001ffff01000800f000010000465453"))
     assert [request["op"], answer["op"]] == ["read", "read"]
-    values = [{field["name"]: field["value"] for field in item["fields"]} for item in (request, answer)]  # type: ignore[attr-defined]
+    values = [{field["name"]: field["value"] for field in item["fields"]} for item in (request, answer)]
     assert values[0] == {"counter": 0, "index": 0x1002, "subindex": 1}
     assert values[1] == {"counter": 1, "error": 0, "index": 1, "subindex": 0, "value": "465453"}
     (packet,) = describe(PACKET_BYTES)
-    assert [field["meaning"] for field in packet["fields"] if field["name"] == "status"] == ["not ready"]  # type: ignore[attr-defined]
+    assert [field["meaning"] for field in packet["fields"] if field["name"] == "status"] == ["not ready"]
