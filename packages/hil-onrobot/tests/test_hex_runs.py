@@ -6,6 +6,7 @@ import pytest
 from hil_onrobot.room import SENSOR, split_url
 
 import hil_bridge
+from hil_bridge.devices.emulator_fit import SensorFigures
 from hil_bridge.devices.kinds import default_settings
 from hil_bridge.errors import ConfigError
 
@@ -53,6 +54,15 @@ def test_fault_ends_the_run_or_is_borne(on: str, fault: str, values: dict[str, A
 def test_url_may_name_the_tcp_port(url: str, parts: tuple[str, int | None]) -> None:
     assert split_url(url) == parts
     assert SENSOR.parse(url, default_settings(SENSOR)).scheme == "udp"
+
+
+def test_measured_noise_becomes_settings_of_the_emulator() -> None:
+    """The filter of 150 Hz reduces the noise by the factor of its one pole, 0.66."""
+    assert SENSOR.emulation is not None
+    assert SENSOR.emulation.match is not None
+    noise = (0.1, 0.1, 0.1, 0.01, 0.01, 0.01)
+    sections = SENSOR.emulation.match(default_settings(SENSOR), SensorFigures(noise=noise))
+    assert sections["cell.onrobot_hex"]["noise_n"] == pytest.approx([0.1509] * 3, rel=1e-3)
 
 
 @pytest.mark.parametrize("url", ["udp://h:1?tcp_port=99999", "udp://h:1?tcp_port=x", "tcp://h:1"])

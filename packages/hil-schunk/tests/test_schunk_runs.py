@@ -6,6 +6,7 @@ import pytest
 from hil_schunk.room import SENSOR, split_url
 
 import hil_bridge
+from hil_bridge.devices.emulator_fit import SensorFigures
 from hil_bridge.devices.kinds import default_settings
 from hil_bridge.errors import ConfigError
 
@@ -69,6 +70,14 @@ def test_doctor_is_given_the_wire_of_the_data() -> None:
     assert SENSOR.other_wires is not None
     (wire,) = SENSOR.other_wires("tcp://h:82?data_port=5000", default_settings(SENSOR))
     assert (wire.scheme, wire.host_port) == ("udp-bind", ("0.0.0.0", 5000))
+
+
+def test_measured_noise_becomes_settings_of_the_emulator() -> None:
+    assert SENSOR.emulation is not None
+    assert SENSOR.emulation.match is not None
+    noise = (0.1, 0.2, 0.3, 0.01, 0.02, 0.03)
+    sections = SENSOR.emulation.match(default_settings(SENSOR), SensorFigures(noise=noise))
+    assert sections == {"cell.schunk_fts": {"noise_n": [0.1, 0.2, 0.3], "noise_nm": [0.01, 0.02, 0.03]}}
 
 
 @pytest.mark.parametrize(
