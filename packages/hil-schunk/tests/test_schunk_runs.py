@@ -8,7 +8,7 @@ from hil_schunk.room import SENSOR, split_url
 import hil_bridge
 from hil_bridge.devices.emulator_fit import SensorFigures
 from hil_bridge.devices.kinds import default_settings
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, DeviceError
 
 NEAR = {"start_position_mm": [900.0, -100.0, 593.0], "tool": {"mass_kg": 1.0}}  # just above the surface
 SITE: dict[str, Any] = {"sensor": {"emulated": "schunk-fts"}, "run": {"duration_s": 1.0}, "cell": NEAR}
@@ -42,6 +42,20 @@ def test_fault_ends_the_run_or_is_borne(on: str, fault: str, values: dict[str, A
     result = hil_bridge.simulate(SITE | {"robot": {"emulated": "egm"}}, faults=[failing], seed=7)
     assert result.cause is not None
     assert result.cause.value == cause, result.text
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("refusing", "answers the command select filter with error 03"),
+        ("short-answers", "no answer to the command read within 2 s"),
+        ("status", "it reports: hardware fault"),
+    ],
+)
+def test_faulty_sensor_is_refused_with_the_reason(fault: str, reason: str) -> None:
+    failing = {"on": "sensor", "fault": fault, "phase": "connect", "after_s": 0.0}
+    with pytest.raises(DeviceError, match=reason):
+        hil_bridge.simulate(SITE | {"robot": {"emulated": "egm"}}, faults=[failing], seed=7)
 
 
 def test_filter_and_tool_of_the_client_reach_the_sensor() -> None:
