@@ -17,6 +17,7 @@ from protocol.wrench import (
     SensorFailed,
     SensorNotice,
     SensorReady,
+    SensorRestarted,
     SensorStopped,
     WrenchFrame,
     Zeroed,
@@ -98,6 +99,10 @@ class SensorEventQueue:
         """Report that the device is streaming."""
         self.ready = True
         self._events.append(SensorReady(facts))
+
+    def restart(self) -> None:
+        """Report that the device has restarted and lost its zero."""
+        self._events.append(SensorRestarted())
 
     def sample(self, raw: Sequence[float], at: float, saturated: int) -> None:
         """Report a sample of a device that does not number its samples. The sample was complete at time `at`, s."""

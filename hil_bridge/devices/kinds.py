@@ -230,9 +230,9 @@ class SensorKind(Generic[_Client, _Emulated]):
     different bit rate cannot communicate with the device.
     """
     section: str = ""
-    """Name of the configuration sections if several kinds with the same settings share them. Empty: the sections
-    have the name of the kind.
-    """
+    """Name of the configuration sections if several kinds share them and their settings; empty: that of the kind."""
+    other_wires: Callable[[str, KindSettings[_Client, _Emulated]], Sequence[WireUrl]] | None = None
+    """Returns the wires that the client opens besides that of `parse`, for `hil-bridge doctor`. None: no others."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,7 +116,8 @@ async def listen_tcp_clients(
             return  # the client disconnected before it was accepted
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD_BYTES)
-        on_client(FileWire(name, _Connection(connection, f"{address[0]}:{address[1]}"), clock))
+        file = _Connection(connection, f"{address[0]}:{address[1]}")
+        on_client(FileWire(name, file, clock, address[0]))
 
     def stop() -> None:
         if (listening := server.fileno()) >= 0:
@@ -125,6 +126,11 @@ async def listen_tcp_clients(
 
     clock.loop.add_reader(server.fileno(), accept)
     return stop, here[0], here[1]
+
+
+def peer_of(wire: Transport[bytes]) -> str:
+    """Return the host of the client of a wire of `listen_tcp_clients`; "" for any other wire."""
+    return wire.peer if isinstance(wire, FileWire) else ""
 
 
 def _open_listener(resolved: Any) -> socket.socket:

@@ -3,12 +3,14 @@
 import socket
 import subprocess
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.devices import sensor_in
 from hil_bridge.site import datagrams, doctor
 from hil_bridge.site.datagrams import Rules, firewall, firewall_rules, in_real_time, reachable, room
 from hil_bridge.site.facts import Level
@@ -140,3 +142,16 @@ def test_doctor_checks_configuration_with_datagrams(tmp_path: Path, monkeypatch:
         "datagrams in real time",
     ]
     assert len(sensor) == 3, "replies to requests pass a firewall"
+
+
+def test_doctor_checks_other_wires_of_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagrams, "firewall_rules", lambda: Rules(NFT.format(policy="drop", rule="")))
+    config = load_config(None, {"sensor.url": "netft+udp://127.0.0.1:49152"})
+    sensor = sensor_in(config)
+    wire = parse_url("udp-bind://127.0.0.1:0", LISTEN_DATAGRAMS)
+    kind = replace(sensor.kind, other_wires=lambda url, settings: [wire])
+    monkeypatch.setattr(doctor, "sensor_in", lambda config: replace(sensor, kind=kind))
+    lines = [str(fact) for fact in doctor.wires(config, tmp_path, None)]
+    parts = [line.split(": ")[1].split(",")[0] for line in lines if " sensor.url: " in line]
+    assert parts[:2] == ["UDP 127.0.0.1 port 49152", "UDP 127.0.0.1 port 0"]
+    assert parts.count("firewall") == 1

@@ -16,7 +16,7 @@ def events(queue: SensorEventQueue) -> list[object]:
 def test_events_keep_their_order() -> None:
     queue = SensorEventQueue()
     queue.notice("first")
-    queue.tell(SensorRestarted())
+    queue.restart()
     queue.notice("last")
     assert events(queue) == [SensorNotice("first"), SensorRestarted(), SensorNotice("last")]
     assert queue.next_event() is None

@@ -26,6 +26,7 @@ from emulators.sensing import Converter, MeasuredWrench
 from emulators.sensing.settings import per_axis, unrest
 from emulators.unmodelled import Unmodelled
 from protocol.datagram import Datagram, side_of
+from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import (
     AXIA,
     FAMILIES,
@@ -82,7 +83,8 @@ class NetBox:
             matrix, noise, -ends, ends, unrest=unrest(profile, powered_at), full_scale=ratings
         )
         self._measured = MeasuredWrench(source, self._family.rate_hz, converter, seed, "cell.netft.noise_n")
-        self.filter = SampleFilter(self._measured, profile)
+        weights = [*map(filter_weight, FILTERS_HZ)]
+        self.filter = SampleFilter(self._measured, weights, profile.filter, profile.saturation_hold_samples)
         self.endpoint = StampedPackets(self, f"{seed} frames")
         """Box's end of the wire."""
         self._out: list[bytes] = []

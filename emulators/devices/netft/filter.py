@@ -1,15 +1,14 @@
-"""Filter of an emulated Net F/T, applied to the samples of its sensor."""
+"""Filter of an emulated Net F/T, or of a sensor with similar filters, applied to the samples of its sensor."""
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from emulators.devices.netft.profile import NetFtProfile
 from emulators.seams import Floats
 from emulators.sensing import MeasuredWrench
-from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 
 
 @lru_cache(maxsize=64)
@@ -21,20 +20,17 @@ def _powers(share: float, count: int) -> Floats:
     return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
 
 
-@lru_cache(maxsize=len(FILTERS_HZ))
-def _weight(number: int) -> float:
-    """Return the weight of a new sample in the filter with this number."""
-    return filter_weight(FILTERS_HZ[number])
-
-
 class SampleFilter:
-    """Low-pass filter. Its outputs are counts from which no bias is subtracted."""
+    """Low-pass filter of one pole. Its outputs are counts from which no bias is subtracted."""
 
-    def __init__(self, measured: MeasuredWrench, profile: NetFtProfile) -> None:
-        self._measured, self._hold = measured, profile.saturation_hold_samples
+    def __init__(self, measured: MeasuredWrench, weights: Sequence[float], number: int, hold: int) -> None:
+        """`weights` are those of a new sample in each of the sensor's filters, `number` is the present filter.
+        `hold` is the number of samples for which saturation is still reported after its end.
+        """
+        self._measured, self._weights, self._hold = measured, weights, hold
         measured.on_invalidate.append(self._forget)
-        self.number = profile.filter
-        """Number of the filter, as on the page of the box."""
+        self.number = number
+        """Number of the filter."""
         self._ahead: deque[tuple[int, list[float]]] = deque()
         """Unfiltered outputs for the next records, each with its sample number."""
         self.restart(0)
@@ -49,7 +45,7 @@ class SampleFilter:
 
     def read(self, number: int, step: int) -> list[float]:
         """Read every sample up to this number and return the output. Records are `step` samples apart."""
-        weight = _weight(self.number)
+        weight = self._weights[self.number]
         # After a long pause, older samples have no weight, so the filter reads only the newest ones.
         most = step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self.newest + 1, number - most + 1)

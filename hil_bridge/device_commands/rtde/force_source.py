@@ -17,15 +17,15 @@ from emulators.seams import Surface
 from emulators.surface.contact import Contact
 from hil_bridge.clock import Clock
 from hil_bridge.devices.kinds import SURFACES, robot_of
-from hil_bridge.devices.robots.rtde.bundle import Bundle
 from hil_bridge.devices.robots.rtde.room import ROBOT, open_wires
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import settings_of, surface_settings
+from hil_bridge.transports.bundle import Bundle
 from hil_bridge.transports.pump import Pump
 from protocol.devices.rtde.force import Event, ForceClient, Lost, Seen
-from protocol.devices.rtde.wires import Pieces
+from protocol.devices.rtde.wires import Pieces, Port
 from protocol.geometry import Wrench, inverse, rotate
 
 _RATE_HZ = 8000
@@ -113,7 +113,8 @@ async def feed(
     source = ForceSource(make_surface(config), options.limit_n)
     clock: Clock = wiring.clock
     client = ForceClient(1.0 / profile.cycle_s, options.enable, clock.now())
-    bundle = Bundle(url, await open_wires(wire_url, profile, wiring, dashboard=False), client.farewell)
+    wires = await open_wires(wire_url, profile, wiring, dashboard=False)
+    bundle = Bundle(url, wires, Port.RTDE, client.farewell)
     failures: list[BaseException] = []
 
     def fail(cause: BaseException) -> None:

@@ -109,12 +109,14 @@ class MemoryDatagrams:
         "_notices",
         "_peer",
         "_presence",
+        "introduce",
     )
 
     def __init__(self, address: str, peer: Peer[str], path: Path, clock: Clock, on_notice: Notice) -> None:
         name, _, number = address.partition("#")
         self._address = address
         self._peer = peer
+        self.introduce = peer.introduce
         self._clock = clock
         self._delivery: Delivery[Datagrams] = Delivery(f"udp+memory:{name}", QUEUE_DATAGRAMS)
         self._notices = Notices(clock.now, on_notice)

@@ -106,11 +106,15 @@ class Peer(Generic[Address]):
                 return False
         if not self._fixed:
             self.address, self._spoke_at = source, now
-            if source not in self._known:
-                if len(self._known) >= KNOWN_SIDES:
-                    del self._known[next(iter(self._known))]
-                self._known[source] = source
+            self.introduce(source)
         return True
+
+    def introduce(self, address: Address) -> None:
+        """Make a sender known, as if it had sent a datagram."""
+        if address not in self._known:
+            if len(self._known) >= KNOWN_SIDES:
+                del self._known[next(iter(self._known))]
+            self._known[address] = address
 
     def target(self, side: Hashable) -> Address | None:
         """Return the destination of a datagram that names `side`. This is `side` itself if it has sent to a

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Datagrams
@@ -58,6 +58,11 @@ class DatagramWire(Protocol):
         """Send each datagram without blocking. Datagrams for which the network has no room are dropped and counted.
 
         Raises TransportError, and sends none of them, if one is too large or the wire has ended.
+        """
+
+    def introduce(self, side: Any) -> None:
+        """Let a listening wire send to a side that has not sent to it: to an address in the form of `Datagram.side`,
+        host and port on UDP, the listener's name in memory.
         """
 
     def take_in(self) -> None:

@@ -136,6 +136,7 @@ class UdpWire:
         self._notices = Notices(clock.now, on_notice)
         self._presence = Presence(self._notices)
         self._delivery: Delivery[Datagrams] = Delivery(name, QUEUE_DATAGRAMS)
+        self.introduce = peer.introduce
         self._buffer = bytearray(1 << 16)
         self._open = True
         self._sent = self._received = self._dropped = self._unreachable = self._overruns = 0

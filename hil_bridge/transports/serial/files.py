@@ -45,9 +45,11 @@ class FileOwner(Protocol):
 class FileWire:
     """Transport over a file descriptor. It writes at once if possible, otherwise it queues up to QUEUE_BYTES."""
 
-    __slots__ = ("_clock", "_delivery", "_fd", "_open", "_owner", "_queue")
+    __slots__ = ("_clock", "_delivery", "_fd", "_open", "_owner", "_queue", "peer")
 
-    def __init__(self, name: str, owner: FileOwner, clock: Clock) -> None:
+    def __init__(self, name: str, owner: FileOwner, clock: Clock, peer: str = "") -> None:
+        self.peer = peer
+        """Host of a client that has connected; "" on any other wire."""
         self._owner = owner
         self._fd = owner.fd
         self._clock = clock

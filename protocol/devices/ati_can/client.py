@@ -31,7 +31,7 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
 from protocol.outbox import Outbox
 from protocol.sensor_events import SensorEventQueue
-from protocol.wrench import AXES, SensorFacts, SensorRestarted, SensorStatistics
+from protocol.wrench import AXES, SensorFacts, SensorStatistics
 
 _UNITS_FROM = (3, 7)
 """First firmware version that reports its units. Source: manual."""
@@ -250,7 +250,7 @@ class AtiCanClient(Outbox[CanFrame]):
             if status:
                 events.notice_status(status, text)
             if events.ready and status & WATCHDOG and not self._status & WATCHDOG:
-                events.tell(SensorRestarted())  # the active slot is 0 again
+                events.restart()  # the active slot is 0 again
                 self._op = Op.SLOT
             self._status = status
         if not events.ready:

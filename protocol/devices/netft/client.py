@@ -24,7 +24,7 @@ from protocol.devices.netft.records import (
 from protocol.endpoint import RemoteProtocolError
 from protocol.outbox import Outbox
 from protocol.sensor_events import SensorEventQueue
-from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
+from protocol.wrench import SensorFacts, SensorStatistics
 
 _STOP_AGAIN_S = 0.02
 """Time after which a stop is repeated while records still arrive, s. Chosen."""
@@ -192,7 +192,7 @@ class NetFtClient(Outbox[bytes]):
             self._behind += 1
             if not self._requests and self._behind < _BEHIND_LIMIT:
                 return False
-            self._sensor_events.tell(SensorRestarted())
+            self._sensor_events.restart()
             step = 1
             self._rates.begin(self._sequence + 1, self._clock.arrived_at)
         else:

@@ -72,11 +72,11 @@ class Configuration:
     """Number of internal samples per second; None if the page does not report it."""
 
 
-def filter_weight(cutoff_hz: float) -> float:
-    """Return the weight of a new sample in a one-pole filter at the internal rate; 1 for a cut-off of 0, which
+def filter_weight(cutoff_hz: float, rate_hz: float = INTERNAL_RATE_HZ) -> float:
+    """Return the weight of a new sample in a one-pole filter at this sample rate, Hz; 1 for a cut-off of 0, which
     means unfiltered. Mark: assumed.
     """
-    return 1.0 if not cutoff_hz else 1.0 - math.exp(-2.0 * math.pi * cutoff_hz / INTERNAL_RATE_HZ)
+    return 1.0 if not cutoff_hz else 1.0 - math.exp(-2.0 * math.pi * cutoff_hz / rate_hz)
 
 
 def filter_delay(number: int) -> float:

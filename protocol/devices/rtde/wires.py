@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
+
+from protocol import pieces
 
 
 class Port(StrEnum):
@@ -30,11 +32,6 @@ CLIENT_PORTS = (Port.RTDE, Port.DASHBOARD, Port.SCRIPT)
 """Ports that the client of this package uses."""
 
 
-class Piece(NamedTuple):
-    """Bytes sent or received on one connection."""
-
-    port: Port
-    data: bytes
-
-
+Piece: TypeAlias = pieces.Piece[Port, bytes]
+"""Bytes sent or received on one connection."""
 Pieces: TypeAlias = Sequence[Piece]

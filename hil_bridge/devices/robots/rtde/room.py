@@ -10,7 +10,6 @@ from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.probe import ProbeResult, probe_link
 from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
-from hil_bridge.devices.robots.rtde.bundle import Bundle
 from hil_bridge.devices.robots.rtde.emulator_fit import match
 from hil_bridge.devices.robots.rtde.facts import robot_facts
 from hil_bridge.devices.robots.rtde.program_folder import read_programs
@@ -19,6 +18,7 @@ from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport
+from hil_bridge.transports.bundle import Bundle
 from hil_bridge.transports.urls import WireUrl
 from protocol.devices.rtde.client import RtdeClient
 from protocol.devices.rtde.describe import describe
@@ -42,7 +42,8 @@ async def _open(
     wires = await open_wires(url, profile, wiring, script=not read_only)
     client = RtdeClient(profile, wiring.clock.now(), read_only)
     facts = robot_facts(profile, settings.emulated)
-    return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
+    bundle = Bundle(url, wires, Port.RTDE, client.farewell)
+    return StreamedLink(bundle, client, facts, wiring.clock, wiring.log)
 
 
 async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> ProbeResult:

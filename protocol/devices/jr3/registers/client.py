@@ -38,7 +38,7 @@ from protocol.devices.jr3.registers.telegrams import (
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.sensor_events import SensorEventQueue
-from protocol.wrench import SensorFacts, SensorReady, SensorRestarted, SensorStatistics, Zeroed
+from protocol.wrench import SensorFacts, SensorReady, SensorStatistics, Zeroed
 
 
 class BoardPhase(Enum):
@@ -299,5 +299,5 @@ class BoardClient:
                 f"it receives no sensor data ({errors_text(errors)})", "check the sensor's plug and cable"
             )
         elif errors:
-            self._sensor_events.tell(SensorRestarted())
+            self._sensor_events.restart()
             self._begin(configure(self._profile), now)

@@ -1,0 +1,1 @@
+"""OnRobot force-torque sensors HEX-E and HEX-H, as a plug-in of hil-bridge."""
