@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PACKAGES := $(patsubst %/pyproject.toml,%,$(wildcard packages/*/pyproject.toml))
 
 .PHONY: run test test-all docs test-lowest test-newest release-check bench kernel-driver clean
 
@@ -44,10 +45,10 @@ bench: $(STAMP)
 kernel-driver: $(STAMP)
 	$(BIN)/python tools/kernel_driver.py
 
-$(STAMP): pyproject.toml hatch_build.py
+$(STAMP): pyproject.toml hatch_build.py $(PACKAGES:%=%/pyproject.toml)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil-bridge needs Python 3.11 or newer; set PYTHON=python3.11 or later")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' $(PACKAGES:%=--editable ./%)
 	touch $@
 
 clean:

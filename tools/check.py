@@ -25,6 +25,8 @@ from kernel_machine import SKIPPED
 
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
+PACKAGES = sorted(str(path.parent.relative_to(ROOT)) for path in ROOT.glob("packages/*/pyproject.toml"))
+"""Packages of devices outside the core, which have their own tests and pages."""
 
 Step = Callable[[], int]
 
@@ -37,6 +39,11 @@ def run(name: str, *arguments: str) -> Step:
 def pytest(name: str, *arguments: str) -> tuple[str, ...]:
     """Return a pytest command that prints the forty slowest tests and writes all of them to `runs/tests/NAME.xml`."""
     return "python", "-m", "pytest", "--durations=40", f"--junitxml=runs/tests/{name}.xml", *arguments
+
+
+def run_all(*steps: Step) -> Step:
+    """Return a step that runs others in order, every one even if an earlier one failed."""
+    return lambda: max([step() for step in steps], default=0)
 
 
 def run_captured(command: Sequence[str]) -> tuple[int, str]:
@@ -108,6 +115,9 @@ TIERS: dict[str, dict[str, Step]] = {
         "types": run_both(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests", "tools")),
         "imports": run("lint-imports"),
         "tests": run(*pytest("gate", "tests", *without_ports("gate"))),
+        "packages": run_all(
+            *(run(*pytest(Path(one).name, one, "--numprocesses", "auto")) for one in PACKAGES)
+        ),
     },
     "full": {
         "protocol": run(
@@ -117,6 +127,7 @@ TIERS: dict[str, dict[str, Step]] = {
         # the tutorials are first, because their pages take longest
         "pages": run(
             *pytest("pages", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
+            *(f"{package}/README.md" for package in PACKAGES),
             *(
                 "--ignore",
                 "docs/_build",

@@ -1,5 +1,5 @@
-"""Build the wheels of hil-bridge and of the packages in examples/, install them into a new environment, and run
-them.
+"""Build the wheels of hil-bridge and of the packages in packages/ and examples/, install them into a new environment,
+and run them.
 
 This step of the check mostly waits for downloads. All wheels share one environment, which does not use the
 checkout.
@@ -11,26 +11,15 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXAMPLES = sorted(path.parent for path in (ROOT / "examples").glob("*/pyproject.toml"))
+EXAMPLES = sorted(path.parent for path in ROOT.glob("examples/*/pyproject.toml"))
 """Example packages, written as a third-party author would write them."""
-OFFERS = {
-    "experiment",
-    "height-map",
-    "insert",
-    "mujoco",
-    "pi-tracking",
-    "plate-with-hole",
-    "toyarm",
-    "toyline",
-    "toyload",
-    "toyspring",
-}
-"""Names under which the example packages register plug-ins."""
+PACKAGES = [*EXAMPLES, *sorted(path.parent for path in ROOT.glob("packages/*/pyproject.toml"))]
 TOYS = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring", "--controller", "pi-tracking")
 STEADY_N = 10.0, 0.5
 """Force that a run must reach, and its tolerance, N."""
@@ -89,10 +78,10 @@ def install_wheels(elsewhere: CleanEnvironment) -> None:
     folder = elsewhere.place / "wheels"
     elsewhere.install("hatchling>=1.28")  # shared by all builds, instead of one copy for each
     build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder)
-    elsewhere.run("python", *build, ROOT, *EXAMPLES)
+    elsewhere.run("python", *build, ROOT, *PACKAGES)
     wheels = sorted(folder.glob("*.whl"))
-    if len(wheels) != 1 + len(EXAMPLES):
-        raise RuntimeError(f"hil-bridge and {len(EXAMPLES)} examples made {len(wheels)} wheels")
+    if len(wheels) != 1 + len(PACKAGES):
+        raise RuntimeError(f"hil-bridge and {len(PACKAGES)} packages made {len(wheels)} wheels")
     (own,) = (wheel for wheel in wheels if wheel.name.startswith("hil_bridge-"))
     wheels.remove(own)
     check_same(elsewhere, own)
@@ -125,11 +114,18 @@ def run_alone(elsewhere: CleanEnvironment) -> None:
         raise RuntimeError("the short run wrote an empty summary")
 
 
+def offered() -> set[str]:
+    """Return the names of the plug-ins that the packages define."""
+    files = (tomllib.loads((package / "pyproject.toml").read_text(encoding="utf-8")) for package in PACKAGES)
+    groups = (group for file in files for group in file["project"].get("entry-points", {}).items())
+    return {name for group, names in groups if group.startswith("hil_bridge.") for name in names}
+
+
 def run_examples(elsewhere: CleanEnvironment) -> None:
     """Run the toy devices by name, in virtual and in real time. The tests run all other surfaces."""
     result = json.loads(elsewhere.run("hil-bridge", "list", "plugins", "--json"))
     wrong = [row["told"] for row in result if row["state"] != "ok"]
-    if wrong or {row["name"] for row in result} != OFFERS:
+    if wrong or {row["name"] for row in result} != offered():
         raise RuntimeError(f"plugins lists {result}")
     for name, time_of in (("virtual", ("--virtual",)), ("real", ())):
         record = elsewhere.closes_the_loop(name, *TOYS, "--duration", "3", *time_of)
