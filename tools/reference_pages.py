@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -32,7 +33,8 @@ from tools.computer_link_doc import field_table
 from tools.known_devices import known_devices
 from tools.pages import table
 
-FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference" / "generated"
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "docs" / "reference" / "generated"
 WIDTH = 100
 """Width of a command's help text, columns."""
 
@@ -292,6 +294,12 @@ FIELD_TABLES: Mapping[str, tuple[Layout, ...]] = {
 }
 """Tables of payloads, by device."""
 
+
+def package_page(package: Path) -> str:
+    """Return the README of a package, with links that are valid on the site."""
+    return (package / "README.md").read_text(encoding="utf-8").replace("](../../docs/", "](../../")
+
+
 PAGES: Mapping[str, Callable[[], str]] = {
     "known-devices": known_devices,
     "command-line": command_line,
@@ -304,5 +312,9 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "fields": fields,
     "names": package_names,
     "authors": author_names,
+    **{
+        path.parent.name: partial(package_page, path.parent)
+        for path in ROOT.glob("packages/*/pyproject.toml")
+    },
 }
 """Functions that make the pages, by file name."""
