@@ -6,13 +6,15 @@ Examples are the same in every run, so that a failing run fails again; `--hypoth
 import gc
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from hil_bridge.errors import offers
 from tests.command_line import Command, Result
 from tests.recordings import Recordings
 
@@ -25,6 +27,10 @@ settings.load_profile("repeatable")
 for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+
+
+PACKAGES = {path.parent.name for path in Path(__file__).parents[1].glob("packages/*/pyproject.toml")}
+"""Packages of devices, which have their own tests."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -50,6 +56,17 @@ def pytest_collection_finish() -> None:
     """Exclude thousands of collected tests from garbage collection, which would visit them each time."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def hidden_packages() -> Iterator[None]:
+    """Hide the packages of devices that are installed beside hil-bridge."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            offers, "distributions", lambda: (one for one in distributions() if one.name not in PACKAGES)
+        )
+        offers._entry_points.cache_clear()
+        yield
 
 
 @pytest.fixture(scope="session")
