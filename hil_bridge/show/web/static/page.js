@@ -144,7 +144,9 @@
     const [fact, ...details] = how.cause.split("; ");
     said = [how.cause, ...how.followed].filter(Boolean);
     const lines = [fact, [...details, how.late, how.remedy].filter(Boolean).join("; "), ...how.followed.map(text => `then: ${text}`)].filter(Boolean).map(text => made("p", sentence(text)));
-    $("why").replaceChildren(...lines, made("p", left, how.retracted === false ? "alarm" : ""));
+    lines.push(made("p", left, how.retracted === false ? "alarm" : ""));
+    if (playback) lines[0].prepend("At the end: ");
+    $("why").replaceChildren(...lines);
     $("next").replaceChildren(...how.next.map(([purpose, command]) => {
       const row = made("div"), copy = made("button", "Copy"), code = made("code", command);
       copy.type = "button"; copy.setAttribute("aria-label", `copy: ${command}`);
@@ -159,7 +161,7 @@
     $("link").className = "";
     $("end").hidden = true;
     panel.close();
-    if (!playback) { over = true; for (const id of ["cut", "silent", "said"]) bar(id, "", ""); }
+    if (!playback) { over = true; charts.follow(null); for (const id of ["cut", "silent", "said"]) bar(id, "", ""); }
   }
 
   const panel = HilPanel.draw($("robot-panel"), token);
