@@ -297,7 +297,7 @@ var HilCell = (() => {
       this.most = Math.max(1, ...touching.map(k => Math.abs(cycle.force[k])));
       const all = touching.length ? touching.map(k => cycle.p[k]) : cycle.p.slice(-1), ends = [0, 1, 2].map(k => { const one = all.map(p => p[k]); return [Math.min(...one), Math.max(...one)]; });
       this.centre = ends.map(([a, b]) => (a + b) / 2);
-      this.reach = Math.min(Math.max(0.09, 0.55 * size(ends.map(([a, b]) => b - a))), WIDEST);
+      this.reach = Math.min(Math.max(0.055, 0.55 * size(ends.map(([a, b]) => b - a))), WIDEST);
       this.perNewton = 0.55 * this.reach / this.most;
       if (!this.turned) this.cameras = {};
       this.stale = false; this.drawn = now;
