@@ -107,8 +107,8 @@
     const latency = now.latency;
     list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
       scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line floor", fixed(scene.floor_ms, 1, "ms")],
-      ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 100 ? "warn" : ""],
-      ["latency p50", latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["latency p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
+      ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 0.8 * scene.limits.stale_ms ? "warn" : ""],
+      [`${latency?.name ?? "latency"}, p50`, latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
     const troubles = Object.entries(now.troubles || {}).map(([name, count]) => `${name} ${count}`).join(", ");
     const counted = count => [count === null ? "–" : String(count), count === null ? "" : count ? "warn" : "good"];
     const scope = playback ? ", full run" : "";
