@@ -204,7 +204,7 @@ def test_report_contains_latency(tmp_path: Path) -> None:
     text = write_report(recorded, summarise(recorded), tmp_path).read_text()
     assert "Half of the cycles took 118 ms or less from sample to motion, 99 % at most 118 ms." in text
     assert "The largest part: line time of the move (70 ms, 59 %)." in text
-    assert "<td>line</td><td>line</td><td>70.00</td>" in text
+    assert "<td>line</td><td>line</td><td>70.0</td>" in text
     assert "<td>the servo&#x27;s response</td><td>50.0</td>" in text
     assert "<h2>Latency</h2>" not in page(Recording(CYCLES), summarise(Recording(CYCLES)))
 

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -54,6 +55,17 @@ def test_cell_picture_of_long_run_keeps_dense_path(
     assert rows["path"]["in_contact"] == 1.0
     places = np.array([rows["path"][f"position_{axis}"] for axis in "yz"])
     assert np.linalg.norm(np.diff(places, axis=1), axis=0).max() < 5.0
+
+
+def test_lift_off_separates_strokes_of_path(recordings: Recordings, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = recordings(RUN)
+    touching = [number for number, cycle in enumerate(recording.cycles) if cycle.in_contact]
+    middle = touching[len(touching) // 2]
+    cycles = list(recording.cycles)
+    cycles[middle] = msgspec.structs.replace(cycles[middle], in_contact=False)
+    monkeypatch.setattr(cell, "ROWS_MOST", 8)
+    contact = cell_picture(replace(recording, cycles=tuple(cycles)))["rows"]["path"]["in_contact"]
+    assert contact.count(0.0) == 1
 
 
 def test_cell_picture_without_configuration_has_only_tool(recordings: Recordings) -> None:

@@ -107,11 +107,15 @@ def cell_picture(recording: Recording) -> Mapping[str, Any]:
 
 
 def _path(recording: Recording, zero: float, start: Sequence[float]) -> Array | None:
-    """Return the path in contact (n, 7) with the columns `_PATH`, its points evenly spaced; None without contact."""
+    """Return the path in contact (n, 7) with the columns `_PATH`, its points evenly spaced; None without contact.
+
+    A row without contact separates two strokes.
+    """
     true = {truth.cycle: truth.position for truth in recording.truths}
-    touching = [cycle for cycle in recording.cycles if cycle.in_contact and math.isfinite(cycle.force)]
-    if not touching:
+    numbers = [n for n, one in enumerate(recording.cycles) if one.in_contact and math.isfinite(one.force)]
+    if not numbers:
         return None
+    touching = [recording.cycles[n] for n in numbers]
     places = np.array([true.get(cycle.cycle, cycle.sample.position) for cycle in touching])
     travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))))
     spacing = max(_STEP_M, travelled[-1] / PATH_MOST)
@@ -119,7 +123,11 @@ def _path(recording: Recording, zero: float, start: Sequence[float]) -> Array | 
     rows = [(c.controlled_at - zero, c.force, c.force_reference, 1.0) for c in (touching[k] for k in kept)]
     at, force, reference, contact = np.array(rows).T
     path: Array = np.column_stack((at, MILLI * (places[kept] - start), force, reference, contact))
-    return path
+    strokes = np.cumsum(np.diff(numbers, prepend=numbers[0]) > 1)[kept]
+    lifted = np.flatnonzero(np.diff(strokes)) + 1
+    off = path[lifted]
+    off[:, -1] = 0.0
+    return np.insert(path, lifted, off, axis=0)
 
 
 def _last_contact(recording: Recording, zero: float) -> float | None:

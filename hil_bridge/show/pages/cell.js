@@ -12,7 +12,7 @@
 var HilCell = (() => {
   const {plus, minus, size, posed, along, camera, projected, point} = HilSpace;
   const REBUILD_MS = 300, STILL_MS = 200, LIVE_MS = 100, MARK_MS = 100, COARSE = 0.75, CUT_M = 0.03, WIDEST = 1.0, SPLIT_PX = 600, GHOST_M = 0.003, SPEEDS = [1, 4, 16];
-  const PAINTS = {force: ["Force", "N", "amount"], deviation: ["Force error", "N", "sign"], removed: ["Removed depth", "µm", "amount"]};
+  const PAINTS = {force: ["Force", "N", "amount"], deviation: ["Force error", "N", "sign"], removed: ["Removed depth at the end", "µm", "amount"]};
   const element = (tag, name, text) => {
     const made = document.createElement(tag);
     if (name) made.className = name;
@@ -162,11 +162,15 @@ var HilCell = (() => {
 
     // ---- the moment
 
+    newest() {   // the last time for which all tables have a row
+      return Math.min(...["cycle", "truth"].map(name => this.tables[name].x).filter(x => x.length).map(x => x[x.length - 1]));
+    }
+
     row(name, t) {   // interpolated values of a table
       const table = this.tables[name], count = table.x.length;
       if (!count) return null;
-      const after = t === null ? count : until(table.x, t), a = Math.max(after - 1, 0), b = Math.min(after, count - 1);
-      const span = table.x[b] - table.x[a], share = span > 0 && t !== null ? Math.min(Math.max((t - table.x[a]) / span, 0), 1) : 0;
+      const after = until(table.x, t), a = Math.max(after - 1, 0), b = Math.min(after, count - 1);
+      const span = table.x[b] - table.x[a], share = span > 0 ? Math.min(Math.max((t - table.x[a]) / span, 0), 1) : 0;
       const mix = key => {
         const [p, q] = [table[key][a], table[key][b]];
         if (!p || !q || !share) return p;
@@ -198,8 +202,9 @@ var HilCell = (() => {
       if (this.place.hidden || !this.canvas.width) return;
       if (!this.path || (this.stale && (now - this.drawn > REBUILD_MS || this.at !== null))) this.trace(now);
       else if (this.stale) this.soon();
-      const reported = this.row("cycle", this.at), truth = this.row("truth", this.at), style = getComputedStyle(document.documentElement);
+      const t = this.at ?? this.newest(), reported = this.row("cycle", t), truth = this.row("truth", t), style = getComputedStyle(document.documentElement);
       const colours = {back: css(style, "--raised"), line: css(style, "--line"), stand: css(style, "--line").map((one, k) => 0.75 * one + 0.25 * css(style, "--quiet")[k]), ghost: css(style, "--c2"), arrow: css(style, "--c1")};
+      this.isOld = t > this.tables.cycle.x[this.tables.cycle.x.length - 1];   // the robot reports nothing any more
       const items = this.items(reported, truth, colours);
       this.views = this.split();
       for (const view of this.views) {
@@ -208,7 +213,6 @@ var HilCell = (() => {
       }
       this.label(reported, truth);
       if (this.slider) {
-        const t = this.at ?? this.tables.cycle.x[this.tables.cycle.x.length - 1];
         this.slider.value = t;
         this.clock.textContent = `${t.toFixed(1)} s`;
       }
@@ -258,7 +262,7 @@ var HilCell = (() => {
       }
       if (this.tool) made.push({mesh: this.shapes.tool, at: this.tool});
       this.apart = truth ? size(minus(reported.p, truth.p)) : 0;
-      if (truth && reported.q && this.apart > GHOST_M) made.push({mesh: this.shapes.tool, at: posed(reported.p, reported.q), tint: colours.ghost, alpha: 0.4});
+      if (truth && reported.q && this.apart > GHOST_M && !this.isOld) made.push({mesh: this.shapes.tool, at: posed(reported.p, reported.q), tint: colours.ghost, alpha: 0.4});
       const newton = real.push ? size(real.push) : 0;
       if (newton > 0.02 * this.most) {
         const long = real.push.map(one => one * this.perNewton);
@@ -287,13 +291,13 @@ var HilCell = (() => {
       const used = touching.filter(k => !deviation || cycle.target[k] !== null), risen = used.filter(k => !deviation || cycle.force[k] > 0.8 * cycle.target[k]);
       const [low, high] = this.range = this.now === "removed" ? [0, this.model.removed.most] : this.domain(risen.map(value));
       const stops = HilPalettes[PAINTS[this.now][2]], true_ = !dense && this.tables.truth.x.length > 1;
-      this.places = used.map(k => [true_ ? this.row("truth", cycle.x[k]).p : cycle.p[k], ramp(stops, (value(k) - low) / (high - low)), cycle.x[k]]);
+      this.places = used.map((k, n) => [true_ ? this.row("truth", cycle.x[k]).p : cycle.p[k], ramp(stops, (value(k) - low) / (high - low)), cycle.x[k], k === used[n - 1] + 1]);
       const width = Math.min(Math.max(2 * this.model.tool.radius, 0.004), 0.012);
       this.path = HilParts.ribbon(this.places, up, width, this.grid && this.grid.height, CUT_M);
       this.most = Math.max(1, ...touching.map(k => Math.abs(cycle.force[k])));
       const all = touching.length ? touching.map(k => cycle.p[k]) : cycle.p.slice(-1), ends = [0, 1, 2].map(k => { const one = all.map(p => p[k]); return [Math.min(...one), Math.max(...one)]; });
       this.centre = ends.map(([a, b]) => (a + b) / 2);
-      this.reach = Math.min(Math.max(0.09, 0.55 * size(ends.map(([a, b]) => b - a))), WIDEST);
+      this.reach = Math.min(Math.max(0.055, 0.55 * size(ends.map(([a, b]) => b - a))), WIDEST);
       this.perNewton = 0.55 * this.reach / this.most;
       if (!this.turned) this.cameras = {};
       this.stale = false; this.drawn = now;
@@ -323,8 +327,8 @@ var HilCell = (() => {
       const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - 72;
       if (text) this.tag.style.transform = `translate(${Math.round(Math.max(Math.min(place.x / this.ratio + 12, most), left))}px, ${Math.round(Math.max(place.y / this.ratio - 12, 4))}px)`;
       this.key.style.left = this.scale.style.left = `${(this.wide ? left : 0) + 12}px`;
-      const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", "force on the tool"]];
-      if (truth) keys.splice(1, 0, ["ghost", `reported tool, ${(this.apart * 1e3).toFixed(2)} mm off`]);
+      const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", "total force on the tool"]];
+      if (truth) keys.splice(1, 0, ["ghost", this.isOld ? "no report of the tool" : `reported tool, ${(this.apart * 1e3).toFixed(2)} mm off`]);
       keys.forEach(([name, words], k) => {
         const span = this.key.children[k] || this.key.appendChild(element("span"));
         if (span.textContent !== words) { span.textContent = words; span.className = name; }

@@ -106,15 +106,15 @@ var HilParts = (() => {
     return mesh;
   }
 
-  function ribbon(places, up, width, height, cut) {   // path on the surface; `places` are [point, colour]; counts by place
+  function ribbon(places, up, width, height, cut) {   // path on the surface; `places` are [point, colour, time, whether it continues the one before]; counts by place
     const mesh = new Mesh(), counts = [0], lifted = p => {
       const z = height ? height(p) : null;
       return z === null || Math.abs(z - p[2]) > 0.02 ? plus(p, up, LIFT_M) : [p[0], p[1], z + LIFT_M];
     };
     let last = null, from = 0;
     for (let k = 1; k < places.length; k++) {
-      const [p, colour] = places[from], [q] = places[k], step = minus(q, p), across = cross(up, step);
-      if (size(step) >= cut) { last = null; from = k; }
+      const [p, colour] = places[from], [q, , , continues] = places[k], step = minus(q, p), across = cross(up, step);
+      if (!continues || size(step) >= cut) { last = null; from = k; }
       else if (size(step) > LEAST_M && size(across) > 1e-7) {   // noise has no direction
         const s = unit(across).map(one => one * width / 2), begin = last || [plus(p, s), minus(p, s)].map(lifted), end = [plus(q, s), minus(q, s)].map(lifted);
         mesh.quad(begin[0], end[0], end[1], begin[1], up, colour);

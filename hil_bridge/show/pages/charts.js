@@ -156,7 +156,11 @@ var HilCharts = (() => {
 
     reset() { this.views = {}; if (this.places) this.places.value = ""; this.show(); }
 
-    follow(seconds) { this.options.follow = seconds; this.views = {}; this.show(); }
+    follow(seconds) {
+      this.options.follow = seconds; this.views = {};
+      if (this.places) this.fillPlaces();
+      this.show();
+    }
 
     layer(id, shown) {
       this.layers.set(id, shown);
@@ -225,7 +229,7 @@ var HilCharts = (() => {
     }
 
     fillPlaces() {
-      const first = element("option", "", "full run");
+      const first = element("option", "", this.options.follow === null ? "full run" : `last ${this.options.follow} s`);
       first.value = "";
       this.places.replaceChildren(first);
       this.spec.spans.forEach((span, index) => {

@@ -107,8 +107,8 @@
     const latency = now.latency;
     list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
       scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line floor", fixed(scene.floor_ms, 1, "ms")],
-      ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 100 ? "warn" : ""],
-      ["latency p50", latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["latency p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
+      ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 0.8 * scene.limits.stale_ms ? "warn" : ""],
+      [`${latency?.name ?? "latency"}, p50`, latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
     const troubles = Object.entries(now.troubles || {}).map(([name, count]) => `${name} ${count}`).join(", ");
     const counted = count => [count === null ? "–" : String(count), count === null ? "" : count ? "warn" : "good"];
     const scope = playback ? ", full run" : "";
@@ -144,7 +144,9 @@
     const [fact, ...details] = how.cause.split("; ");
     said = [how.cause, ...how.followed].filter(Boolean);
     const lines = [fact, [...details, how.late, how.remedy].filter(Boolean).join("; "), ...how.followed.map(text => `then: ${text}`)].filter(Boolean).map(text => made("p", sentence(text)));
-    $("why").replaceChildren(...lines, made("p", left, how.retracted === false ? "alarm" : ""));
+    lines.push(made("p", left, how.retracted === false ? "alarm" : ""));
+    if (playback) lines[0].prepend("At the end: ");
+    $("why").replaceChildren(...lines);
     $("next").replaceChildren(...how.next.map(([purpose, command]) => {
       const row = made("div"), copy = made("button", "Copy"), code = made("code", command);
       copy.type = "button"; copy.setAttribute("aria-label", `copy: ${command}`);
@@ -159,7 +161,7 @@
     $("link").className = "";
     $("end").hidden = true;
     panel.close();
-    if (!playback) { over = true; for (const id of ["cut", "silent", "said"]) bar(id, "", ""); }
+    if (!playback) { over = true; charts.follow(null); for (const id of ["cut", "silent", "said"]) bar(id, "", ""); }
   }
 
   const panel = HilPanel.draw($("robot-panel"), token);
