@@ -7,12 +7,12 @@ from html import escape
 from hil_bridge.show.report.figures import Row
 
 _BADGE_STYLES = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
-_COMMAND = re.compile(r"`([^`]+)`")
+_COMMAND = re.compile(r"`([^`]+)`|(hil-bridge (?:doctor|free|report|why)\b)")
 
 
 def prose(text: str) -> str:
-    """Render prose as HTML: remove URL queries, and format text between backticks as code."""
-    return _COMMAND.sub(r"<code>\1</code>", escape(text))
+    """Render prose as HTML: format commands and text between backticks as code."""
+    return _COMMAND.sub(lambda one: f"<code>{one[1] or one[2]}</code>", escape(text))
 
 
 def badge(outcome: str) -> str:
