@@ -7,7 +7,6 @@ contact.
 
 import asyncio
 import math
-from collections.abc import Sequence
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import Reading, reading
@@ -143,11 +142,6 @@ class SmallSteps:
             await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
             mean = reading(sensor.window(since))
         return mean
-
-
-def numbers(values: Sequence[float]) -> str:
-    """Return values as text for operators, with two decimal places."""
-    return " ".join(f"{value:z.2f}" for value in values)
 
 
 def _mm(position: Vector) -> str:

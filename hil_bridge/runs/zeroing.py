@@ -27,10 +27,11 @@ from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import Cause, ConfigError, DeviceError, SafetyStop
+from hil_bridge.record.analysis.figures import concise
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.axis_evidence import AxisEvidence, lever_of
 from hil_bridge.runs.pace import metres
-from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers
+from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps
 from hil_bridge.runs.witness import OwnForce
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector, normalise, product, turn_about
@@ -234,7 +235,7 @@ class Zeroing:
 
     def _facts_text(self) -> str:
         facts = self._sensor.facts
-        scales = "not told" if facts.full_scales is None else f"{numbers(facts.full_scales)} N, N·m"
+        scales = "not told" if facts.full_scales is None else _wrench_text(facts.full_scales)
         return f"full scales {scales}{facts.model and f'; {facts.model}'}"
 
     def judge_at_rest(self) -> Peaks | None:
@@ -288,7 +289,7 @@ class Zeroing:
                     "zero",
                     cause=Cause.ZERO_SILENT,
                 ) from None
-            text = f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N of it unexplained"
+            text = f"zero taken: {_wrench_text(before.mean)}; {zero.force:.2f} N of it unexplained"
             self._report(text, Check.ZERO)
         return Zero(lifted, contact)
 
@@ -338,3 +339,9 @@ class Zeroing:
         text = lift_fault(math.dist(*forces), before, later, change_n, away * 1e3)
         if text:
             raise SafetyStop(text, cause=Cause.TOUCHING)
+
+
+def _wrench_text(values: Sequence[float]) -> str:
+    """Return forces, N, and moments, N·m, as text for operators, with at most three significant digits."""
+    parts = [concise(value, 1, "z.2f", "") for value in values]
+    return f"{' '.join(parts[:3])} N, {' '.join(parts[3:])} N·m"

@@ -59,7 +59,7 @@ def test_timeline_has_stop_orders_and_reaction() -> None:
 
 def test_timeline_after_cut_has_leap_and_lost_link() -> None:
     texts = {text: at for at, text in moments(line_of(RsiClient, "clock", "cut"))}
-    leap = "first order that leaps: relative correction, a step of 33.76 mm; the robot does not execute it"
+    leap = "first order that leaps: relative correction, a step of 33.8 mm; the robot does not execute it"
     assert texts["the link is restored"] == 1.0
     assert texts[leap] == 3.408
     assert texts["the robot stops: KSS29002: object ETHERNET1 returns error RSITimeout"] == 0.41
@@ -108,6 +108,15 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
     assert "default-src 'none'" in text
 
 
+def test_page_joins_names_of_failed_scenarios() -> None:
+    failed = run_scenario(EgmClient, "blind", "stopped")
+    text = conform_page(robot_trial(), [replace(failed, name=name) for name in "abc"], COMMAND)
+    assert (
+        "The client failed <code>a</code>, <code>b</code> and <code>c</code>, 3 of 3 scenarios; first: sent"
+        in text
+    )
+
+
 def test_page_repeats_scenario_with_same_rules() -> None:
     trial = robot_trial()
     trial = replace(trial, rules=replace(SHORT, comes_back=True))
@@ -124,8 +133,8 @@ def test_numbers_of_close_moments_do_not_overlap() -> None:
     text = timeline(TimeLine([*close, Moment(2.0, "<end>")], [Interval("lane", 0.0, 1.0)], "the stop"))
     places = [float(place) for place in re.findall(r'<circle cx="([\d.]+)%"', text)]
     assert len(places) == 9
-    assert all(after - before >= 6.4 for before, after in pairwise(places))
-    assert 3.0 <= places[0] < places[-1] <= 97.0
+    assert all(after - before >= 9.1 for before, after in pairwise(places))
+    assert 4.5 <= places[0] < places[-1] <= 95.5
     assert "&lt;end&gt;" in text
     assert timeline(TimeLine([], [], "the stop")) == ""
 

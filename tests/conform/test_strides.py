@@ -135,7 +135,7 @@ def test_each_violation_reports_figure_and_rule() -> None:
         "a rotation of 120.00° between two orders" in judge("nominal", turn, Rules(max_turn_deg=10.0)).reason
     )
     rush = watched([ReceivedOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))])
-    assert "exceed the robot's speed, with up to 20000.0 mm/s" in judge("nominal", rush, Rules()).reason
+    assert "exceed the robot's speed, with up to 20000 mm/s" in judge("nominal", rush, Rules()).reason
     assert rush.largest_speed_m_s == pytest.approx(20.0)
 
 

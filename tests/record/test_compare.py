@@ -61,9 +61,9 @@ def test_compare_aligns_runs_at_contact() -> None:
         {"value": 50.0, "label": "force limit"},
     ]
     rows = re.findall(
-        r"<tr><td>([\w.]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("How they ended")[0]
+        r"<tr><td>([\w.<>]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("How they ended")[0]
     )
-    assert [row[0] for row in rows] == ["run.seed", "more"], "equal values are omitted"
+    assert [row[0] for row in rows] == ["run.<wbr>seed", "more"], "equal values are omitted"
     assert rows[0][1:] == ("1", "2")
     from_begin = json.loads(
         re.findall(
@@ -78,10 +78,11 @@ def test_compare_begins_with_settings_and_outcomes() -> None:
     second = run(9.0, 20, {"run": {"seed": 2}, "task": {"force_n": 9.0}, "cell": {"new": 1}})
     page = compare_page({"a": first, "b": second})
     parts = (
+        '<p class="point">Overshoot 0.0 % in <code>a</code>, 0.0 % in <code>b</code>; RMS error 1.00 N in',
         "runs completed; <code>run.seed</code> differs.</p>",
-        "<td>run.seed</td><td>1</td><td>2</td>",
+        "<td>run.<wbr>seed</td><td>1</td><td>2</td>",
         '<details class="fold"><summary><h2>Settings that only some runs have: 1</h2></summary>',
-        "<td>cell.new</td><td>–</td><td>1</td>",
+        "<td>cell.<wbr>new</td><td>–</td><td>1</td>",
         "<td>outcome</td>",
         '<td class="quiet">overshoot</td>',
         'data-charts="data-runs" data-first="1"',
@@ -90,6 +91,14 @@ def test_compare_begins_with_settings_and_outcomes() -> None:
     )
     assert sorted(parts, key=page.index) == [*parts]
     assert "no setting differs" in compare_page({"a": first, "b": first})
+
+
+def test_compare_describes_faults_in_words() -> None:
+    fault = {"after_s": 3.0, "fault": "emergency-stop", "for_s": None, "on": "robot", "phase": "track"}
+    late = {"fault": "noise", "on": "sensor", "when": "force > 8", "for_s": 0.5, "parameters": {"sigma": 2}}
+    first, second = run(9.0, 20, {"faults": [fault, late]}), run(9.0, 20, {"faults": []})
+    text = "emergency-stop at the robot, 3 s into track; noise at the sensor, when force &gt; 8, for 0.5 s, sigma 2"
+    assert f"<td>faults</td><td>{text}</td><td>none</td>" in compare_page({"a": first, "b": second})
 
 
 def test_compare_names_are_short_and_unique() -> None:

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from hil_bridge.show.pages.description import Map, Scale, room_of
 from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.plots import draw
-from hil_bridge.show.report.steps_section import steps_section
+from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from tests.recordings import Recordings
 
 PROGRAM = """
@@ -63,13 +64,24 @@ def without_program(recording: Recording) -> Recording:
 def test_page_lists_steps_and_failed_criterion(recording: Recording, tmp_path: Path) -> None:
     page = write_report(recording, summarise(recording), tmp_path).read_text()
     assert page.count("<h2>Steps</h2>") == 1
-    rows = re.findall(r"<tr><td>(\d \(\w+\))</td>(.*?)</tr>", page)
+    rows = re.findall(r'<tr><td data-title="step">(\d \(\w+\))</td>(.*?)</tr>', page)
     assert [label for label, _ in rows] == ["1 (approach)", "2 (track)", "3 (retract)"]
     assert "touch: 900" in rows[0][1]
-    assert "<td>100 %</td><td>criterion FAILED: force within ±0.001 N: " in rows[1][1]
-    assert "<p>criterion failed in step <strong>2 (track)</strong>; 0 of 1 passed</p>" in page
+    assert '"required">100 %</td><td data-title="outcome">failed: force within ±0.001 N: ' in rows[1][1]
+    assert "<p>Criterion failed in step <strong>2 (track)</strong>; 0 of 1 passed.</p>" in page
     assert "target force</td>" in page
     assert re.search(r"<td class=\"value\">6\.00 … 1[12]\.\d N</td>", page)
+
+
+def test_steps_table_drops_empty_columns(recording: Recording) -> None:
+    summary = summarise(recording)
+    approach, track, _ = summary.steps
+    passed = replace(track, passed=True, within=1.0, wanted=0.9, text="force within ±1 N: 100 % of the path")
+    text = steps_section(recording, replace(summary, steps=(approach,)))
+    assert re.findall("<th>(.*?)</th>", text) == ["step", "time", "outcome", "result"]
+    assert "passed: force within ±1 N</td>" in steps_section(recording, replace(summary, steps=(passed,)))
+    assert criteria_paragraph(replace(summary, steps=(passed,))) == "<p>The criterion passed.</p>"
+    assert criteria_paragraph(replace(summary, steps=(passed,) * 2)) == "<p>Both criteria passed.</p>"
 
 
 def test_page_without_program_omits_steps_section(recording: Recording) -> None:

@@ -191,6 +191,14 @@ def test_not_retracted_badge_depends_on_value_only(retracted: bool, has_badge: b
     assert (">NOT retracted</span>" in page(recording, summarise(recording))) is has_badge
 
 
+def test_report_gives_command_for_a_tool_left_in_contact() -> None:
+    left = {"left": "NOT retracted: left at 1 mm, because x", "place": "NOT retracted: left at 1 mm"}
+    end = dataclasses.replace(END, **left, rest={"retracted": False})
+    recording = dataclasses.replace(run(), end=end.as_metadata())
+    line = "<strong>NOT retracted: left at 1 mm; <code>hil-bridge free</code> lifts it off</strong>"
+    assert line in page(recording, summarise(recording))
+
+
 def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
     recording = run()
     base = recording.cycles[0]

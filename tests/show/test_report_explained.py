@@ -26,6 +26,7 @@ from hil_bridge.control.analysis.stability import (
 from hil_bridge.devices.facts import Devices, RobotFacts, Sensor, ServoFacts
 from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd
+from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.decision_tables import decisions, strongest_rules
@@ -337,6 +338,20 @@ def test_decision_table_row_has_levels_rules_and_values() -> None:
         "other values": "band 0.81 N, feedforward 12.500 mm, relative error 0.04",
         "verdict": "clamp: step, held",
     }
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "unit", "text"),
+    [
+        (-0.0001, "+.3f", "mm", "0 mm"),
+        (0.0001, "+.3f", "", "0"),
+        (-0.5, "+.1f", "N", "−0.5 N"),
+        (1, ".0f", "cycles", "1 cycle"),
+        (None, ".0f", "N", "–"),
+    ],
+)
+def test_zero_has_no_sign_and_one_is_singular(value: float | None, form: str, unit: str, text: str) -> None:
+    assert quantity(value, 1, form, unit) == text
 
 
 def test_empty_columns_and_sections_are_omitted(tmp_path: Path) -> None:

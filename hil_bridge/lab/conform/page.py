@@ -64,9 +64,11 @@ def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioRe
             return f"No scenario could be judged: {results[0].verdict.reason}."
         without = f"; skipped: {', '.join(skipped)}" if skipped else ""
         return f"The client passed {len(results) - len(skipped)} of {len(results)} scenarios{without}."
-    names, faults = " and ".join(f"`{one.name}`" for one in failed), failed[0].verdict.faults
+    *others, last = (f"`{one.name}`" for one in failed)
+    names = f"{', '.join(others)} and {last}" if others else last
     share = f", {len(failed)} of {len(results)} scenarios" if len(results) > 1 else ""
-    return f"The client failed {names}{share}: {faults[0]}."
+    begin = "; first: " if others else ": "
+    return f"The client failed {names}{share}{begin}{failed[0].verdict.faults[0]}."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:

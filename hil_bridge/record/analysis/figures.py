@@ -73,8 +73,14 @@ class Definition:
 
 
 def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
-    """Format a value with its unit; return a dash if it is unknown."""
-    return UNKNOWN if value is None else f"{value * scale:{form}} {unit}".rstrip().replace("-", "−")
+    """Format a value with its unit; return a dash if it is unknown. A signed zero becomes `0`."""
+    if value is None:
+        return UNKNOWN
+    text = f"{value * scale:{form}}"
+    if text[0] in "+-" and not text.strip("+-0."):
+        text = "0"
+    named = "cycle" if (text, unit) == ("1", "cycles") else unit
+    return f"{text} {named}".rstrip().replace("-", "−")
 
 
 def concise(value: float | None, scale: float, form: str, unit: str) -> str:

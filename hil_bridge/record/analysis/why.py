@@ -159,7 +159,8 @@ def tracebacks(recording: Recording) -> tuple[str, ...]:
 
 def _describe_completed(recording: Recording, end: RunEnd) -> str:
     seconds = sum(span.end - span.begin for span in phases(recording))
-    text = f"The run completed after {seconds:.1f} s and {len(recording.cycles)} cycles"
+    count = len(recording.cycles)
+    text = f"The run completed after {seconds:.1f} s and {count} cycle{'s' * (count != 1)}"
     text += f", ended by its task: {end.text}" if end.text else ", as planned"
     unmet = failed_criteria(step_outcomes(recording.steps))
     left = f"; the tool was left {end.left}" if end.left else ""

@@ -18,7 +18,7 @@ from hil_bridge.show.pages.svg import (
 )
 
 WIDTH_PX = 1000
-_LEFT, _RIGHT, _TOP, _BELOW = 60, 110, 26, 40
+_LEFT, _RIGHT, _TOP, _BELOW = 60, 110, 26, 44
 """Margins of a map, px."""
 
 

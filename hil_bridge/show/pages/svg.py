@@ -51,7 +51,7 @@ class Frame:
             at = self.y(value)
             self.parts.append(line((self.left, at), (self.left + self.width, at), "grid"))
             self.parts.append(text((self.left - 6, at + 4), number(value), "end"))
-        self.parts.append(text((self.left + self.width / 2, bottom + 32), x_label, "middle"))
+        self.parts.append(text((self.left + self.width / 2, bottom + 36), x_label, "middle"))
         middle = self.top + self.height / 2
         self.parts.append(
             f'<text transform="translate({self.left - 40:.1f} {middle:.1f}) rotate(-90)" text-anchor="middle"'

@@ -1,6 +1,7 @@
 """Time line in a page: numbered moments above lanes with intervals, as SVG without scripts, and the list of moments.
 
-The drawing is as wide as the page, on a phone too: positions along the axis are percentages.
+The drawing is as wide as the page, on a phone too: positions along the axis are percentages. The names of the lanes
+are in the margin on its left, for which the style sheet leaves room.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,17 +12,19 @@ from msgspec import Struct
 
 from hil_bridge.show.pages.svg import number, round_numbers
 
-_PHONE_PX = 340.0
+_NAMES_PX = 118
+"""Width of the names of the lanes, px; the same in the style sheet."""
+_PHONE_PX = 240.0
 """Width for which labels and marks are spaced. Chosen: a phone."""
-_APART = 6.5
+_APART = 9.2
 """Smallest distance between two numbers, % of the width. Chosen: 22 px on a phone."""
-_EDGE = 3.2
+_EDGE = 4.6
 """Distance of the first and the last number from the edges, % of the width. Chosen: half a number on a phone."""
 _MARGIN = 0.02
 """Margin of the axis beyond the first and the last time, as a share of its length. Chosen."""
 _LEAST = 0.4
 """Smallest width of an interval, % of the width. Chosen."""
-_TOP_PX, _LANE_PX, _AXIS_PX = 46, 40, 22
+_TOP_PX, _LANE_PX, _AXIS_PX = 46, 30, 22
 """Heights of the numbers, of a lane, and of the axis, px."""
 _DECIMALS = 3
 """Decimal places of times in s."""
@@ -38,11 +41,11 @@ class Tone(StrEnum):
 
 
 _BARS = {
-    Tone.PLAIN: (22, 6),
-    Tone.GOOD: (22, 6),
-    Tone.WARN: (20, 10),
-    Tone.BAD: (18, 14),
-    Tone.FAULT: (18, 14),
+    Tone.PLAIN: (12, 6),
+    Tone.GOOD: (12, 6),
+    Tone.WARN: (10, 10),
+    Tone.BAD: (8, 14),
+    Tone.FAULT: (8, 14),
 }
 """Distance from the top of the lane, and height, by the meaning of an interval, px: not only the colour differs."""
 
@@ -115,7 +118,7 @@ class _Drawing:
 
     def __init__(self, line: TimeLine) -> None:
         self._line = line
-        times = [one.at for one in line.moments]
+        times = [0.0, *(one.at for one in line.moments)]
         times += [at for one in line.intervals for at in (one.begin, one.end)]
         margin = _MARGIN * max(max(times) - min(times), 1e-3)
         self._low, self._high = min(times) - margin, max(times) + margin
@@ -147,9 +150,9 @@ class _Drawing:
             )
 
     def _names(self) -> Iterator[str]:
-        """Yield the names of the lanes, which cover the lines behind them."""
+        """Yield the names of the lanes, on the left of the drawing."""
         for row, lane in enumerate(self._lanes):
-            yield f'<text x="0" y="{_TOP_PX + _LANE_PX * row + 13}">{escape(lane)}</text>'
+            yield f'<text x="-{_NAMES_PX}" y="{_TOP_PX + _LANE_PX * row + 19}">{escape(lane)}</text>'
 
     def _axis(self) -> Iterator[str]:
         """Yield the axis with labels at round times."""

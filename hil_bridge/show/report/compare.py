@@ -9,6 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
 from hil_bridge.record.analysis.why import why_values
@@ -24,12 +25,16 @@ from hil_bridge.show.report.bag_page import assumptions_table
 from hil_bridge.show.report.differences import ABSENT, between
 from hil_bridge.show.report.figures import contact_rows, figure_tables, merit_rows
 from hil_bridge.show.report.identity import identity_rows
-from hil_bridge.show.report.markup import across, badge, cells, fold, prose, table
+from hil_bridge.show.report.markup import across, badge, fold, prose, setting_cells, table
 
 RUNS_MOST = 8
 """Maximum number of runs in a comparison, which is the number of distinguishable colours."""
 _NAMED_MOST = 2
 """Maximum number of settings named in the first sentence. Chosen: the table has all."""
+_RESULTS = tuple(FIGURES[key].words for key in ("overshoot_percent", "rms_error_n"))
+"""Figures in the first sentence, by their labels."""
+_RESULTS_MOST = 4
+"""Maximum number of runs whose figures are in the first sentence. Chosen: two lines of text."""
 TOUCH, BEGIN = "touch", "begin"
 """Event at 0 s: the start of the first tracking, or the start of the run."""
 COMPARED = {
@@ -77,7 +82,8 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     figures = [_figures_of(runs[name], summaries[name]) for name in runs]
     merits = [row.label for one in summaries.values() for row in merit_rows(one)]
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
+<p class="point">{prose(_results(dict(zip(runs, figures, strict=True))))}
+{prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
 {_settings(ours, settings, only_some)}
 <h2>How they ended</h2>
 {_side_by_side(runs, [*_ends(runs, summaries), *_figure_lines(figures, merits)])}
@@ -86,6 +92,21 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
 {fold(f"<h2>Other figures</h2>{_side_by_side(runs, _figure_lines(figures, merits, others=True))}")}
 {_bags(runs)}"""
     return document(f"compared: {', '.join(runs)}", body)
+
+
+def _results(figures: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the most important figures of each run in one sentence; empty if there are too many runs."""
+    if len(figures) > _RESULTS_MOST:
+        return ""
+    parts = []
+    for label in _RESULTS:
+        values = {
+            name: texts[label] for name, texts in figures.items() if texts.get(label, UNKNOWN) != UNKNOWN
+        }
+        if values:
+            parts.append(f"{label} {', '.join(f'{text} in `{name}`' for name, text in values.items())}")
+    text = "; ".join(parts)
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def _point(summaries: Sequence[Summary], keys: Sequence[str]) -> str:
@@ -109,10 +130,10 @@ def _settings(
 ) -> str:
     """Render the settings that differ, and, folded, those that only some runs have."""
     titles = ("setting", *runs)
-    parts = [f"<h2>Settings that differ</h2>{cells(titles, settings, 'narrow settings')}"] if settings else []
+    parts = [f"<h2>Settings that differ</h2>{across(setting_cells(titles, settings))}"] if settings else []
     if only_some:
         heading = f"<h2>Settings that only some runs have: {len(only_some)}</h2>"
-        parts.append(fold(f"{heading}{cells(titles, only_some, 'narrow settings')}"))
+        parts.append(fold(f'{heading}<div class="scroll">{setting_cells(titles, only_some)}</div>'))
     return "".join(parts)
 
 

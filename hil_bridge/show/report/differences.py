@@ -42,14 +42,14 @@ def from_defaults(recording: Recording) -> list[tuple[str, str, str]]:
 
 
 def between(recordings: list[Recording]) -> list[tuple[str, ...]]:
-    """Return the key of every setting that differs, and its value in each recording."""
+    """Return the key of every setting that differs, and its value in each recording, in words if it is not plain."""
     configurations = [flat(recorded_configuration(recording)) for recording in recordings]
     keys = sorted({key for one in configurations for key in one})
     rows = []
     for key in keys:
         values = [one.get(key, ...) for one in configurations]
         if any(value != values[0] for value in values):
-            rows.append((key, *(ABSENT if value is ... else describe_value(value) for value in values)))
+            rows.append((key, *(_describe_setting(key, value) for value in values)))
     return rows
 
 
@@ -63,6 +63,29 @@ def describe_value(value: object) -> str:
     is_plain = isinstance(value, str) and value != "" and value.isprintable()
     text = str(value) if is_plain else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LENGTH_MAX else f"{text[:_LENGTH_MAX]} … ({len(text)} characters)"
+
+
+def _describe_setting(key: str, value: object) -> str:
+    """Format the value of a setting in a recording; `...` stands for a setting that the recording does not have."""
+    if value is ...:
+        return ABSENT
+    if value is None:
+        return "default"
+    if key == "faults" and isinstance(value, list) and all(isinstance(one, dict) for one in value):
+        return "; ".join(map(_describe_fault, value)) or "none"
+    return describe_value(value)
+
+
+def _describe_fault(fault: Mapping[str, Any]) -> str:
+    """Describe a recorded `FaultConfig`: what happens where, when and for how long."""
+    phase, after, condition = (fault.get(key) for key in ("phase", "after_s", "when"))
+    if condition:
+        begin = f"when {condition}{f' in {phase}' if phase else ''}{f', {after} s later' if after else ''}"
+    else:
+        begin = f"{after} s into {phase or 'the run'}" if after else f"at the start of {phase or 'the run'}"
+    given = [f"for {fault['for_s']} s"] if fault.get("for_s") is not None else []
+    given += [f"{name} {value}" for name, value in (fault.get("parameters") or {}).items()]
+    return ", ".join([f"{fault.get('fault')} at the {fault.get('on')}", begin, *given]).replace(".0 s", " s")
 
 
 def _flat(before: str, values: Mapping[str, Any], depth: int) -> Iterator[tuple[str, Any]]:

@@ -7,12 +7,14 @@ from html import escape
 from hil_bridge.show.report.figures import Row
 
 _BADGE_STYLES = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
-_COMMAND = re.compile(r"`([^`]+)`")
+_COMMAND = re.compile(r"`([^`]+)`|(hil-bridge (?:doctor|free|report|why)\b)")
+
+_BREAKS = re.compile(r"([._])")
 
 
 def prose(text: str) -> str:
-    """Render prose as HTML: remove URL queries, and format text between backticks as code."""
-    return _COMMAND.sub(r"<code>\1</code>", escape(text))
+    """Render prose as HTML: format commands and text between backticks as code."""
+    return _COMMAND.sub(lambda one: f"<code>{one[1] or one[2]}</code>", escape(text))
 
 
 def badge(outcome: str) -> str:
@@ -44,6 +46,16 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     head = "<thead><tr>" + "".join(f"<th>{escape(title)}</th>" for title in titles) + "</tr></thead>\n"
     body = ("".join(f"<td>{escape(text)}</td>" for text in line) for line in lines)
     return across(table(body, style, head))
+
+
+def setting_cells(titles: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """Render a table of settings, whose names may break after a dot or an underscore, and their values."""
+    head = f"<thead><tr>{''.join(f'<th>{escape(title)}</th>' for title in titles)}</tr></thead>"
+    body = (
+        "".join(f"<td>{text}</td>" for text in (_BREAKS.sub(r"\1<wbr>", escape(name)), *map(escape, texts)))
+        for name, *texts in lines
+    )
+    return table(body, "narrow settings values", head)
 
 
 def fold(section: str, name: str = "") -> str:

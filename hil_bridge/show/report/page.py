@@ -31,6 +31,7 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """File names of the picture, by the kind of file."""
 EVENTS_MAX = 500
+_TITLE = "Force control run"
 
 
 def write_report(
@@ -81,14 +82,14 @@ def page(recording: Recording, summary: Summary) -> str:
 {fold(f"<h2>Events</h2>{_events(recording)}")}
 {fold(f"<h2>Settings that are not the defaults</h2>{_settings(recording)}")}
 {fold(_counters(summary, devices_of(recording).robot))}"""
-    return document(f"{_title(summary)}, {summary.outcome}", body, cell=bool(recording.cycles))
+    return document(f"{_TITLE}, {summary.outcome}", body, cell=bool(recording.cycles))
 
 
 def cell_page(recording: Recording, summary: Summary) -> str:
     """Render how the run ended, the cell in three dimensions and the charts, as one HTML file."""
     charts, _ = run_charts(recording)
     return document(
-        f"{_title(summary)}, {summary.outcome}",
+        f"{_TITLE}, {summary.outcome}",
         f"{_point(recording, summary)}\n{room('run', charts, first=1)}",
         cell=bool(recording.cycles),
     )
@@ -100,15 +101,11 @@ def _point(recording: Recording, summary: Summary) -> str:
     return f"{_head(recording, summary)}\n{cell}"
 
 
-def _title(summary: Summary) -> str:
-    return f"Force control run: {summary.controller or 'no controller named'}"
-
-
 def _head(recording: Recording, summary: Summary) -> str:
     """Render the heading of the run, and how it ended."""
     which = reality(recording)
     parts = [
-        f"<h1>{escape(_title(summary))}</h1>",
+        f"<h1>{_TITLE}</h1>",
         f"<p>{badge(summary.outcome)}",
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
@@ -122,13 +119,14 @@ def _head(recording: Recording, summary: Summary) -> str:
 
 def _reason(recording: Recording, summary: Summary) -> str:
     """Render why the run ended, in one sentence, and the details folded."""
-    reason = why_values(recording)
+    reason, end = why_values(recording), end_of(recording)
     detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
-    left = "" if summary.outcome == Outcome.COMPLETED else summary.left
+    left = "" if summary.outcome == Outcome.COMPLETED else end.place or summary.left
+    remedy = "; `hil-bridge free` lifts it off" if end.place and end.retracted is False else ""
     parts = [
         f'<p class="point">{prose(reason.point)}</p>',
         *(f"<p>Then: {prose(text)}</p>" for text in summary.followed),
-        f"<p>Tool: <strong>{prose(left)}</strong></p>" if left else "",
+        f"<p>Tool: <strong>{prose(left + remedy)}</strong></p>" if left else "",
         detail if reason.fact else "",
     ]
     return "\n".join(filter(None, parts))

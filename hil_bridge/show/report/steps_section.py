@@ -1,14 +1,15 @@
 """Program section of the page: steps and their outcomes."""
 
+from collections.abc import Iterator, Sequence
 from html import escape
 
 from hil_bridge.record.analysis.figures import concise, quantity
-from hil_bridge.record.analysis.steps import StepOutcome, verdict_of
+from hil_bridge.record.analysis.steps import CUT, StepOutcome
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.maps import path_map
 from hil_bridge.show.pages.maps import map_svg
-from hil_bridge.show.report.markup import across, cells
+from hil_bridge.show.report.markup import across, table
 
 _TITLES = "step", "time", "distance", "mean force", "within", "required", "outcome", "result"
 _SCROLL_ROWS = 40
@@ -19,12 +20,25 @@ def steps_section(recording: Recording, summary: Summary) -> str:
     """Render the section; empty for a run without a program."""
     if not any(cycle.step for cycle in recording.cycles):
         return ""
-    steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
+    steps = _table([_line(step) for step in summary.steps])
     if len(summary.steps) > _SCROLL_ROWS:
         steps = f'<div class="scroll">{steps}</div>'
     path = path_map(recording)
-    drawn = "" if path is None else across(map_svg(path))
+    drawn = "" if path is None else f'<div class="map">{map_svg(path)}</div>'
     return f"<h2>Steps</h2>\n{steps}\n{drawn}\n"
+
+
+def _table(lines: Sequence[Sequence[str]]) -> str:
+    """Render the columns that have a value in any line. On a phone, each value has the title of its column."""
+    used = [column for column in range(len(_TITLES)) if any(line[column] for line in lines)]
+    head = "".join(f"<th>{_TITLES[column]}</th>" for column in used)
+
+    def row(line: Sequence[str]) -> Iterator[str]:
+        for column in used:
+            yield f'<td data-title="{_TITLES[column]}">{escape(line[column])}</td>'
+
+    rows = ("".join(row(line)) for line in lines)
+    return across(table(rows, "wide steps", f"<thead><tr>{head}</tr></thead>"))
 
 
 def criteria_paragraph(summary: Summary) -> str:
@@ -34,18 +48,17 @@ def criteria_paragraph(summary: Summary) -> str:
     if not judged:
         return ""
     if not failed:
-        return f"<p>criteria: all {len(judged)} passed</p>"
+        many = {1: "The criterion", 2: "Both criteria"}.get(len(judged), f"All {len(judged)} criteria")
+        return f"<p>{many} passed.</p>"
     named = ", ".join(step.label for step in failed)
-    passed = f"; {len(judged) - len(failed)} of {len(judged)} passed"
-    return f"<p>criterion failed in step <strong>{escape(named)}</strong>{passed}</p>"
+    passed = f"; {len(judged) - len(failed)} of {len(judged)} passed."
+    return f"<p>Criterion failed in step <strong>{escape(named)}</strong>{passed}</p>"
 
 
 def _line(step: StepOutcome) -> tuple[str, ...]:
     position = ""
     if step.found_mm is not None:
         position = f"{step.name}: " + " ".join(quantity(part, 1, ".2f", "") for part in step.found_mm) + " mm"
-    verdict = verdict_of(step)
-    text = step.text if verdict and step.text else step.text or "done"
     return (
         step.label,
         concise(step.seconds, 1, ".1f", "s"),
@@ -53,6 +66,15 @@ def _line(step: StepOutcome) -> tuple[str, ...]:
         "" if step.force_mean_n is None else concise(step.force_mean_n, 1, ".2f", "N"),
         "" if step.within is None else concise(step.within, 100, ".1f", "%"),
         "" if step.wanted is None else concise(step.wanted, 100, "g", "%"),
-        f"{verdict}: {text}" if verdict else text,
+        _outcome(step),
         position,
     )
+
+
+def _outcome(step: StepOutcome) -> str:
+    """Describe whether the step met its criterion or was cut short, and why; without either, its own description."""
+    if step.passed and step.wanted is not None:
+        return f"passed: {step.text.partition(': ')[0]}".removesuffix(": ")  # the columns have the shares
+    if step.passed:
+        return step.text or "done"
+    return f"{'failed' if step.criterion_failed else CUT}: {step.text}".removesuffix(": ")

@@ -13,7 +13,6 @@ from hil_bridge.show.charts.maps import removed_map
 from hil_bridge.show.charts.sources import Array
 from hil_bridge.show.charts.surface import LEAST_DEFLECTION_UM, deflection_um, tilt_deg, touches
 from hil_bridge.show.pages.maps import map_svg
-from hil_bridge.show.report.markup import across
 
 _LEAST_FORCE_N = 1.0
 """Mean force below which a deflection per force has no meaning, N. Chosen: some deflections are then vibration."""
@@ -38,7 +37,7 @@ def surface_section(recording: Recording) -> str:
         )
     sentences += deflection
     verdict = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
-    drawn = "" if (wear := removed_map(recording)) is None else across(map_svg(wear))
+    drawn = "" if (wear := removed_map(recording)) is None else f'<div class="map">{map_svg(wear)}</div>'
     return f"<h2>Emulated surface</h2>\n{verdict}{drawn}\n"
 
 

@@ -16,6 +16,7 @@ from hil_bridge.lab.conform.robots.scenarios import (
 from hil_bridge.lab.conform.robots.watching import RobotEvidence
 from hil_bridge.lab.conform.trial import CUT, NOMINAL
 from hil_bridge.lab.conform.verdict import Verdict, decide
+from hil_bridge.record.analysis.figures import concise
 
 
 def judge(scenario: str, evidence: RobotEvidence, rules: Rules) -> Verdict:
@@ -60,7 +61,7 @@ def _find_faults(scenario: str, evidence: RobotEvidence, rules: Rules) -> Iterat
     if scenario != NOMINAL and evidence.crashed:
         yield f"crashed: {describe_end(evidence)}"
     if evidence.left_m_s > 0.0:
-        yield f"left the tool moving at {evidence.left_m_s * 1e3:.1f} mm/s"
+        yield f"left the tool moving at {concise(evidence.left_m_s, 1e3, '.1f', 'mm/s')}"
     elif evidence.left_rad_s > 0.0:
         yield f"left the tool rotating at {math.degrees(evidence.left_rad_s):.1f} °/s"
     if evidence.killed:
@@ -74,21 +75,22 @@ def _find_haste(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
     step_mm, turn_deg = evidence.largest_step_m * 1e3, math.degrees(evidence.largest_turn_rad)
     if rules.max_step_mm:
         if step_mm > rules.max_step_mm:
-            yield f"a step of {step_mm:.2f} mm between two orders, allowed: {rules.max_step_mm:g} mm"
+            yield f"a step of {concise(step_mm, 1, '.2f', 'mm')} between two orders, allowed: {rules.max_step_mm:g} mm"
     elif evidence.leaps:
-        yield f"{evidence.leaps} of its orders leap, by up to {step_mm:.1f} mm"
+        yield f"{evidence.leaps} of its orders leap, by up to {concise(step_mm, 1, '.1f', 'mm')}"
     if rules.max_turn_deg:
         if turn_deg > rules.max_turn_deg:
             yield f"a rotation of {turn_deg:.2f}° between two orders, allowed: {rules.max_turn_deg:g}°"
     elif evidence.turns:
         why = "; the w of its quaternion seems to be at the wrong end" if evidence.w_misplaced else ""
         yield f"{evidence.turns} of its orders rotate the tool abruptly, by up to {turn_deg:.1f}°{why}"
-    ordered, gone = evidence.largest_speed_m_s * 1e3, evidence.fastest_m_s * 1e3
     if rules.max_speed_mm_s:
-        if gone > rules.max_speed_mm_s:
-            yield f"the tool moved at {gone:.1f} mm/s, allowed: {rules.max_speed_mm_s:g} mm/s"
+        if evidence.fastest_m_s * 1e3 > rules.max_speed_mm_s:
+            speed = concise(evidence.fastest_m_s, 1e3, ".1f", "mm/s")
+            yield f"the tool moved at {speed}, allowed: {rules.max_speed_mm_s:g} mm/s"
     elif evidence.rushes:
-        yield f"{evidence.rushes} of its orders exceed the robot's speed, with up to {ordered:.1f} mm/s"
+        speed = concise(evidence.largest_speed_m_s, 1e3, ".1f", "mm/s")
+        yield f"{evidence.rushes} of its orders exceed the robot's speed, with up to {speed}"
     if gains_speed(evidence, rules):
         limit_mm_s = (evidence.robot_speed_m_s or 0.0) * 1e3
         yield (
@@ -135,13 +137,13 @@ def _of_late(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
 
 
 def _of_refused(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
-    yield from _orders_after_stop(evidence, rules, "to a robot that could not move", "the first")
+    yield from _orders_after_stop(evidence, rules, "to a robot that could not move, after", "the first")
     if not evidence.releases and (motion := _describe_motion(evidence.moved_m, evidence.turned_rad)):
         yield motion
 
 
 def _of_stop(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
-    yield from _orders_after_stop(evidence, rules, "after the stop", "the stop")
+    yield from _orders_after_stop(evidence, rules, "after the stop and", "the stop")
     if evidence.releases:
         yield f"released the stop without an operator: {', '.join(dict.fromkeys(evidence.releases))}"
     if motion := _describe_motion(evidence.moved_after_m, evidence.turned_after_rad):
@@ -150,7 +152,7 @@ def _of_stop(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
 
 def _describe_motion(moved_m: float, turned_rad: float) -> str:
     """Describe how far the tool moved and rotated; empty if it did not move."""
-    parts = [f"moved by {moved_m * 1e3:.1f} mm"] if moved_m >= MOVED_M else []
+    parts = [f"moved by {concise(moved_m, 1e3, '.1f', 'mm')}"] if moved_m >= MOVED_M else []
     parts += [f"rotated by {math.degrees(turned_rad):.1f}°"] if turned_rad >= MOVED_RAD else []
     return f"the tool {' and '.join(parts)}" if parts else ""
 
@@ -163,9 +165,9 @@ def _of_cut(evidence: RobotEvidence, rules: Rules) -> Iterator[str]:
 def _orders_after_stop(evidence: RobotEvidence, rules: Rules, where: str, begin: str) -> Iterator[str]:
     if evidence.after_stop:
         yield (
-            f"sent {evidence.after_stop} motion orders {where} and the {rules.react_s * 1e3:g} ms to react: "
+            f"sent {evidence.after_stop} motion orders {where} the {rules.react_s * 1e3:g} ms allowed to react: "
             f"the last {evidence.last_motion_s or 0.0:.2f} s after {begin}, "
-            f"steps of up to {evidence.after_stop_step_m * 1e3:.2f} mm"
+            f"steps of up to {concise(evidence.after_stop_step_m, 1e3, '.2f', 'mm')}"
         )
 
 
@@ -182,8 +184,8 @@ _OWN: Mapping[str, Callable[[RobotEvidence, Rules], Iterator[str]]] = {
 
 def _describe_result(evidence: RobotEvidence) -> str:
     return (
-        f"moved {evidence.moved_m * 1e3:.1f} mm and rotated {math.degrees(evidence.turned_rad):.1f}° "
-        f"in {evidence.orders} orders{_pace(evidence)}, at most {evidence.fastest_m_s * 1e3:.1f} mm/s; "
+        f"moved {concise(evidence.moved_m, 1e3, '.1f', 'mm')} and rotated {math.degrees(evidence.turned_rad):.1f}° "
+        f"in {evidence.orders} orders{_pace(evidence)}, at most {concise(evidence.fastest_m_s, 1e3, '.1f', 'mm/s')}; "
         f"longest pause {evidence.longest_pause_s * 1e3:.0f} ms; {describe_end(evidence)}"
     )
 

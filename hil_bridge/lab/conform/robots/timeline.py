@@ -8,6 +8,7 @@ from hil_bridge.lab.conform.robots.offences import Offence, Offender
 from hil_bridge.lab.conform.robots.scenarios import EMERGENCY, LATE, MOVED_M, REFUSED, STOPPED, Rules
 from hil_bridge.lab.conform.robots.watching import RobotEvidence
 from hil_bridge.lab.conform.trial import CUT, NOMINAL
+from hil_bridge.record.analysis.figures import concise
 from hil_bridge.show.pages.timeline import Interval, Moment, TimeLine, Tone
 
 _ORDERS, _ROBOT, _TOOL = "orders of the client", "robot", "motion of the tool"
@@ -112,18 +113,20 @@ class _RobotLine:
             text = f"the tool's speed changes by {evidence.largest_gain_m_s * 1e3:.0f} mm/s"
             yield evidence.largest_gain_at, text, Tone.BAD
         if evidence.left_m_s:
-            yield self._end_at, f"the tool is left moving at {evidence.left_m_s * 1e3:.1f} mm/s", Tone.BAD
+            speed = concise(evidence.left_m_s, 1e3, ".1f", "mm/s")
+            yield self._end_at, f"the tool is left moving at {speed}", Tone.BAD
         if not self._stops:
             return
         if evidence.moved_after_m >= MOVED_M:
-            text = f"last motion of the tool: {evidence.moved_after_m * 1e3:.1f} mm after the time to react"
-            yield evidence.moved_last_at, text, Tone.BAD
-        elif evidence.moved_last_at is not None:
+            moved = concise(evidence.moved_after_m, 1e3, ".1f", "mm")
             yield (
                 evidence.moved_last_at,
-                f"the tool stands, after {evidence.coasted_m * 1e3:.1f} mm",
-                Tone.PLAIN,
+                f"last motion of the tool: {moved} after the time to react",
+                Tone.BAD,
             )
+        elif evidence.moved_last_at is not None:
+            coasted = concise(evidence.coasted_m, 1e3, ".1f", "mm")
+            yield evidence.moved_last_at, f"the tool stands, after {coasted}", Tone.PLAIN
 
     def intervals(self) -> Iterator[Interval]:
         """Yield the intervals of each lane."""
@@ -175,7 +178,6 @@ def _describe(one: Offender) -> str:
     """Describe an order, and what the robot did with it."""
     if one.offence is Offence.UNREADABLE:
         return f"{_OFFENCES[one.offence]}: {one.text}"
-    step_mm = one.step_m * 1e3
-    step = f", a step of {step_mm:.{0 if step_mm >= 100.0 else 2}f} mm" if one.step_m else ""
+    step = f", a step of {concise(one.step_m, 1e3, '.2f', 'mm')}" if one.step_m else ""
     reaction = "accepts" if one.is_accepted else "does not execute"
     return f"{_OFFENCES[one.offence]}: {one.text}{step}; the robot {reaction} it"
