@@ -4,7 +4,8 @@
 
 - A fence ```` ```console ```` holds commands after `$ `, each followed by its output; `...` stands for variable parts.
   A command without output is judged by its exit code alone. The code must be 0, unless `echo $?` comes next.
-- Each page has a new folder with a copy of `examples/` and `packages/`, its own environment, and one shell for all its fences.
+- Each page has a new folder with a copy of `examples/` and `packages/`, its own environment, and one shell for all
+  its fences.
 - A `code-block` of `console` whose caption begins with "In a second terminal" runs in parallel to the page, until the
   next such block or the end of the page. Its output must come within `PATIENCE_S`.
 - A `code-block` of another language with a caption is a file named by the caption; it is written when it is reached.
