@@ -192,8 +192,8 @@ def test_not_retracted_badge_depends_on_value_only(retracted: bool, has_badge: b
 
 
 def test_report_gives_command_for_a_tool_left_in_contact() -> None:
-    left = {"left": "NOT retracted: left at 1 mm, because x", "place": "NOT retracted: left at 1 mm"}
-    end = dataclasses.replace(END, **left, rest={"retracted": False})
+    place = "NOT retracted: left at 1 mm"
+    end = dataclasses.replace(END, left=f"{place}, because x", place=place, rest={"retracted": False})
     recording = dataclasses.replace(run(), end=end.as_metadata())
     line = "<strong>NOT retracted: left at 1 mm; <code>hil-bridge free</code> lifts it off</strong>"
     assert line in page(recording, summarise(recording))

@@ -82,7 +82,7 @@ def test_page_updates_match_recording(stopped: tuple[Scene, Recording]) -> None:
         "caution",
         "alarm",
     ]
-    assert "N, N·m" in update["now"]["zero"]
+    assert "N·m; " in update["now"]["zero"]
     assert update["start"] == pytest.approx(newest.start)
 
 

@@ -73,8 +73,7 @@ def _line(step: StepOutcome) -> tuple[str, ...]:
 
 def _outcome(step: StepOutcome) -> str:
     """Describe whether the step met its criterion or was cut short, and why; without either, its own description."""
-    if step.passed and step.wanted is not None:
-        return f"passed: {step.text.partition(': ')[0]}".removesuffix(": ")  # the columns have the shares
-    if step.passed:
+    if step.passed and step.wanted is None:
         return step.text or "done"
-    return f"{'failed' if step.criterion_failed else CUT}: {step.text}".removesuffix(": ")
+    verdict = "passed" if step.passed else "failed" if step.criterion_failed else CUT
+    return ": ".join(filter(None, (verdict, step.text)))
