@@ -5,12 +5,14 @@ import shlex
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.lab.conform.page import conform_page, repeat_command
+from hil_bridge.lab.conform.reports import evidence
 from hil_bridge.lab.conform.robots.stage import RobotTrial
 from hil_bridge.lab.conform.robots.timeline import robot_timeline
 from hil_bridge.lab.conform.verdict import Outcome, Verdict
@@ -55,6 +57,18 @@ def test_timeline_has_stop_orders_and_reaction() -> None:
     assert [(one.lane, round(one.begin, 3), round(one.end, 3)) for one in late] == [
         ("orders of the client", 0.504, 1.0)
     ]
+
+
+def test_evidence_has_plain_types_only() -> None:
+    """The suites pass it to another process."""
+
+    def types(value: Any) -> set[type]:
+        parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        return {type(value)}.union(*map(types, parts))
+
+    found = evidence(run_scenario(EgmClient, "blind", "stopped"))
+    assert found["offences"]
+    assert types(found) <= {dict, list, str, int, float, bool}
 
 
 def test_timeline_after_cut_has_leap_and_lost_link() -> None:

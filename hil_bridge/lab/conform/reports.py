@@ -68,18 +68,20 @@ def totals(results: Sequence[ScenarioResult[Any]]) -> str:
 def evidence(one: ScenarioResult[Any]) -> dict[str, Any]:
     """Return the evidence of a scenario by name, without unknown values."""
     known = {key: value for key, value in asdict(one.seen).items() if value not in (None, "", [])}
-    return {key: _rounded(value) for key, value in known.items()}
+    return {key: _plain(value) for key, value in known.items()}
 
 
-def _rounded(value: Any) -> Any:
-    """Round all floats of a value to 1 µm and 1 µs."""
+def _plain(value: Any) -> Any:
+    """Convert a value to plain types, which other processes can receive, with floats rounded to 1 µm and 1 µs."""
     match value:
+        case str():
+            return str(value)
         case float():
             return round(value, 6)
         case list() | tuple():
-            return [_rounded(one) for one in value]
+            return [_plain(one) for one in value]
         case dict():
-            return {key: _rounded(one) for key, one in value.items()}
+            return {key: _plain(one) for key, one in value.items()}
         case _:
             return value
 
