@@ -119,6 +119,22 @@ def test_unconfirmed_touch_is_tested_in_next_step() -> None:
         assert deepest < 30.0
 
 
+def test_approach_ends_if_force_dips_at_confirmation() -> None:
+    """The axis is unverified, and the tool bounces at the sample after the confirmation."""
+    dips = 0
+
+    def respond(state: LoopState, time: float, position: Vector) -> dict[str, Any]:
+        nonlocal dips
+        touch, force = state.program.step.stroke.touch, press(position)
+        if touch is not None and touch.proven:
+            dips, force = dips + 1, 0.8
+        return {"force": force, "doubt": int(Doubt.AXIS)}
+
+    decisions = walk(guarded((Approach(), Retract()), stroke_of(), Limits()), respond)
+    assert dips == 1
+    assert not any(isinstance(each.verdict, Stop) for each in decisions)
+
+
 def test_unconfirmed_touch_is_not_a_missing_edge() -> None:
     def respond(state: LoopState, time: float, position: Vector) -> dict[str, Any]:
         if state.program.course.leg == 0:

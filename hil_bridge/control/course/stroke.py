@@ -141,8 +141,10 @@ class Stroke:
         return state, Order(phase, measurement.commanded)
 
     def is_proven(self, state: StrokeState) -> bool:
-        """Return whether a contact is confirmed."""
-        return state.doubt is Doubt.NONE if state.touch is None else state.touch.proven
+        """Return whether a contact is confirmed, now or before the tool began to track."""
+        if state.touch is not None:
+            return state.touch.proven
+        return state.doubt is Doubt.NONE or state.phase is _TRACK
 
     def tracking(self, state: StrokeState) -> StrokeState:
         """Return the state at the first sample of tracking. The first samples of a touch that needed no
