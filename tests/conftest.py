@@ -6,7 +6,7 @@ Examples are the same in every run, so that a failing run fails again; `--hypoth
 import gc
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,16 @@ PACKAGES = {path.parent.name for path in Path(__file__).parents[1].glob("package
 """Packages of devices, which have their own tests."""
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Hide the packages of devices, which may be installed, from the tests of hil-bridge."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(
+        offers, "distributions", lambda: (one for one in distributions() if one.name not in PACKAGES)
+    )
+    offers._entry_points.cache_clear()
+    config.add_cleanup(patch.undo)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--tier", choices=("gate", "full"), help="gate: tests of every change; full: all others")
 
@@ -56,17 +66,6 @@ def pytest_collection_finish() -> None:
     """Exclude thousands of collected tests from garbage collection, which would visit them each time."""
     gc.collect()
     gc.freeze()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def hidden_packages() -> Iterator[None]:
-    """Hide the packages of devices that are installed beside hil-bridge."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            offers, "distributions", lambda: (one for one in distributions() if one.name not in PACKAGES)
-        )
-        offers._entry_points.cache_clear()
-        yield
 
 
 @pytest.fixture(scope="session")

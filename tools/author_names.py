@@ -31,6 +31,8 @@ GROUPS: Mapping[str, Names] = {
         "hil_bridge.devices.wiring": ("Wiring", "Serving"),
         "hil_bridge.devices.trajectory": ("Trajectory", "TrajectoryResult", "stream_trajectory"),
         "hil_bridge.transports.urls": ("WireUrl", "parse_url", "with_baudrate", "with_option"),
+        "hil_bridge.transports.bundle": ("Bundle",),
+        "hil_bridge.transports.tcp": ("peer_of",),
         "protocol.marks": (
             "setting",
             "Mark",
@@ -48,6 +50,7 @@ GROUPS: Mapping[str, Names] = {
         "protocol.datagram": ("arrived_at",),
         "protocol.can.frame": ("CanFrame", "CanFilter"),
         "protocol.geometry": ("Pose",),
+        "protocol.pieces": ("Piece",),
     },
     "Client of a force sensor": {
         "protocol.wrench": (

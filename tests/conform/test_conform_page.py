@@ -66,9 +66,9 @@ def test_evidence_has_plain_types_only() -> None:
         parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
         return {type(value)}.union(*map(types, parts))
 
-    found = evidence(run_scenario(EgmClient, "blind", "stopped"))
-    assert found["offences"]
-    assert types(found) <= {dict, list, str, int, float, bool}
+    result = evidence(run_scenario(EgmClient, "blind", "stopped"))
+    assert result["offences"]
+    assert types(result) <= {dict, list, str, int, float, bool}
 
 
 def test_timeline_after_cut_has_leap_and_lost_link() -> None:
