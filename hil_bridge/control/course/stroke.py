@@ -80,7 +80,7 @@ class StrokeState(Struct, frozen=True):
     doubt: Doubt = Doubt.NONE
     """Reason why a touch in the newest sample must be confirmed."""
     touch: Touch | None = None
-    """Touch that is being confirmed or has been confirmed; None if there is none."""
+    """Touch that is being confirmed or has been confirmed; None for a touch without doubt, and without a touch."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,9 @@ class FtsClientSettings:
         between(1, 65535),
     )
     data_address: str = setting(
-        "0.0.0.0", Mark.CHOSEN, "address of this computer at which measurements arrive; 0.0.0.0: any"
+        "",
+        Mark.CHOSEN,
+        "address of this computer at which measurements arrive; empty: loopback for a sensor on it, else any",
     )
     filter: int = setting(
         0,

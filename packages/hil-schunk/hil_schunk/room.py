@@ -64,8 +64,15 @@ def _data_url(url: str, settings: _Settings) -> str:
     """Return the URL at which the client receives measurements."""
     commands_url, port = split_url(url)
     parsed, client = parse_url(commands_url, _WIRES), settings.client
-    here = f"udp-bind://{client.data_address}:{port or client.data_port}"
-    return f"{f'udp+memory:{_data_name(parsed)}' if parsed.scheme == 'memory' else here}?strangers=refuse"
+    if parsed.scheme == "memory":
+        return f"udp+memory:{_data_name(parsed)}?strangers=refuse"
+    address = client.data_address or _receiving_address(parsed.host_port[0])
+    return f"udp-bind://{address}:{port or client.data_port}?strangers=refuse"
+
+
+def _receiving_address(sensor: str) -> str:
+    """Return the address at which measurements arrive: only the loopback interface for a sensor there, else any."""
+    return "127.0.0.1" if sensor == "localhost" or sensor.startswith("127.") else "0.0.0.0"
 
 
 def _other_wires(url: str, settings: _Settings) -> Sequence[WireUrl]:

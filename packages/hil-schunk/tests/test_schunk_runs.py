@@ -80,10 +80,13 @@ def test_url_may_name_the_data_port(url: str, parts: tuple[str, int | None]) -> 
     assert SENSOR.parse(url, default_settings(SENSOR)).scheme == "tcp"
 
 
-def test_doctor_is_given_the_wire_of_the_data() -> None:
+@pytest.mark.parametrize(
+    ("sensor", "address"), [("h", "0.0.0.0"), ("localhost", "127.0.0.1"), ("127.0.0.1", "127.0.0.1")]
+)
+def test_measurements_of_a_local_sensor_arrive_on_loopback_only(sensor: str, address: str) -> None:
     assert SENSOR.other_wires is not None
-    (wire,) = SENSOR.other_wires("tcp://h:82?data_port=5000", default_settings(SENSOR))
-    assert (wire.scheme, wire.host_port) == ("udp-bind", ("0.0.0.0", 5000))
+    (wire,) = SENSOR.other_wires(f"tcp://{sensor}:82?data_port=5000", default_settings(SENSOR))
+    assert (wire.scheme, wire.host_port) == ("udp-bind", (address, 5000))
 
 
 def test_measured_noise_becomes_settings_of_the_emulator() -> None:
