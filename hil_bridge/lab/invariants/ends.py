@@ -23,8 +23,8 @@ tool.
 DEPTH_OFF_M = 1e-3
 """Tolerance of a reported depth, m. Chosen: resolution, and the remaining motion of a servo."""
 SOFTEST_N_M = 10e3
-"""Stiffness by which a contact may deflect the tip without the robot reporting it, N/m. Derived: the softest emulated
-arm, that of the UR5e, has 12.6 to 27.6 kN/m in the poses of examples/campaigns/guard.toml.
+"""Stiffness by which a contact may deflect the tip without the robot reporting it, N/m. Chosen: below that of every
+built-in arm in the poses of examples/campaigns/guard.toml, which is 12.6 kN/m or more.
 """
 
 

@@ -72,10 +72,10 @@ def is_bag(path: Path) -> bool:
         head = file.read(_HEADER_BYTES)
     if not head.startswith(MAGIC):
         return False
-    header = _header(head)
-    if header is None or header.library == OWN_WRITER:
-        return False
-    return header.profile == ROS_PROFILE or _first_encoding(path) == CDR
+    match _header(head):
+        case Header(library=writer, profile=profile) if writer != OWN_WRITER:
+            return profile == ROS_PROFILE or _first_encoding(path) == CDR
+    return False
 
 
 def read_messages(path: Path, wants: TopicFilter) -> Bag:
