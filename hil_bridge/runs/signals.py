@@ -126,13 +126,17 @@ def as_ctrl_c() -> Iterator[None]:
     """Treat every other signal of `ENDING` as Ctrl-C while the context is open. An event loop then ends its task in
     order.
 
-    A second Ctrl-C ends the task at once. A second SIGHUP, which a shell that closes sends, does not.
+    A second Ctrl-C ends the task at once. A second SIGHUP, which a shell that closes sends, does not. Ctrl-C stays
+    ignored if it was ignored (a command in the background of a script); the other signals then raise KeyboardInterrupt.
     """
     signals = Signals()
 
     def react(number: int) -> None:
-        if signals.count == 1 or number != signal.SIGHUP:
-            signal.raise_signal(signal.SIGINT)
+        if signals.count > 1 and number == signal.SIGHUP:
+            return
+        if before is signal.SIG_IGN:
+            raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
     with signals.installed(), signals.reacting_with(react):

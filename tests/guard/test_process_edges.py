@@ -140,6 +140,18 @@ def test_other_commands_treat_signals_as_ctrl_c() -> None:
             signal.raise_signal(number_of(name))
 
 
+@pytest.mark.usefixtures("defaults")
+def test_command_in_the_background_ignores_ctrl_c_alone() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with as_ctrl_c():
+            signal.raise_signal(signal.SIGINT)
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 # --- exceptions that leave the loop
 
 
