@@ -125,9 +125,13 @@ class FinalState:
 
     @property
     def values(self) -> dict[str, bool | float | list[str] | None]:
-        """Final state as plain values, for the recording; None for an unknown value."""
+        """Final state as plain values, for the recording; None for an unknown value, and for a force that the robot's
+        own measurement contradicts.
+        """
         depth = self.depth if math.isfinite(self.depth) else None
-        known = math.isfinite(self.force) and not self.saturated and not self.hidden
+        known = math.isfinite(self.force) and not (
+            self.saturated or self.hidden or math.isfinite(self.own_force)
+        )
         return {
             "retracted": self.retracted,
             "depth_m": depth,

@@ -141,6 +141,8 @@ def test_witness_denies_wrong_retraction_report(guarded: Run) -> None:
     assert run.result.cause is Cause.LEFT_DISAGREEING
     assert run.result.left.startswith("NOT retracted: left at ")
     assert "(the robot itself measures 93 N)" in run.result.left
+    assert run.result.rest is not None
+    assert run.result.rest.values["force_n"] is None
 
 
 def test_witness_stop_replays_identically() -> None:

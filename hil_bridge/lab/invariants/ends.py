@@ -90,18 +90,18 @@ def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) ->
     off it. In these cases, the result is the smallest force since the time of the oldest frame that is still valid.
     """
     unverified, truths = rest.get("unverified"), evidence.recording.truths
-    if not isinstance(unverified, list) or not unverified:
-        end_s = truths[-1].at if truths else float(trace.times[-1])
-        begin_s = end_s - evidence.config.limits.stale_after_ms * 1e-3
-        varies = any(moves_surface(fault) or fault.on == "obstacle" for fault in evidence.config.faults)
-        return float(min(trace.forces[trace.times >= begin_s])) if varies else float(trace.forces[-1])
-    if trace.vectors is None or not truths or not all(map(math.isfinite, truths[-1].quaternion)):
-        return 0.0
-    named = {str(name).lower() for name in unverified}
-    force = rotation_matrix(truths[-1].quaternion).T @ trace.vectors[-1]
-    return float(
-        np.linalg.norm([part for name, part in zip(FORCE_AXES, force, strict=True) if name not in named])
-    )
+    forces = trace.forces
+    if isinstance(unverified, list) and unverified:
+        if trace.vectors is None or not truths or not all(map(math.isfinite, truths[-1].quaternion)):
+            return 0.0
+        named = {str(name).lower() for name in unverified}
+        kept = [axis for axis, name in enumerate(FORCE_AXES) if name not in named]
+        forces = np.linalg.norm((trace.vectors @ rotation_matrix(truths[-1].quaternion))[:, kept], axis=1)
+    if not any(moves_surface(fault) or fault.on == "obstacle" for fault in evidence.config.faults):
+        return float(forces[-1])
+    end_s = truths[-1].at if truths else float(trace.times[-1])
+    begin_s = end_s - evidence.config.limits.stale_after_ms * 1e-3
+    return float(min(forces[trace.times >= begin_s]))
 
 
 def _depth(evidence: Evidence, trace: Trace) -> float:
