@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
+from hil_bridge.clock.order import VirtualOrder
 from hil_bridge.clock.virtual import VIRTUAL_EPOCH, VIRTUAL_WALL_NS, VirtualLoop
 
 if sys.platform == "linux":
@@ -78,6 +79,13 @@ class Clock:
     def running(cls) -> "Clock":
         """Return a clock for the running loop. The caller closes the clock."""
         return cls(asyncio.get_running_loop())
+
+    def draw_order(self, order: VirtualOrder) -> None:
+        """Run callbacks in this order from now on. Does nothing in real time, or in a loop that was created with
+        draws of its own.
+        """
+        if isinstance(self.loop, VirtualLoop) and self.loop.order is None:
+            self.loop.order = order.draws()
 
     def call_deferrable(
         self, when: float, last_deadline: Callable[[float], float], callback: Callable[[], object]

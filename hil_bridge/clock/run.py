@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeAlias, TypeVar
 
+from hil_bridge.clock.order import OrderDraws
 from hil_bridge.clock.polling import BusyPolling, WatchfulLoop, WatchfulSelector
 from hil_bridge.clock.virtual import VirtualLoop, VirtualTimeError, describe_tasks
 
@@ -38,21 +39,23 @@ def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
         return _run_to_end(runner, main, [], on_stray)
 
 
-def run_virtual(main: Main[T]) -> T:
+def run_virtual(main: Main[T], order: OrderDraws | None = None) -> T:
     """Run a coroutine, or the coroutine that a function returns, in a new loop in virtual time.
+
+    `order` draws the order of callbacks that are due together; None stands for first in, first out.
 
     Virtual time is stricter than real time. It raises LeakedTasks if tasks are left running, and VirtualDeadlock if
     nothing can happen any more. It also raises errors of callbacks, which real time would only log.
     """
-    return run_virtual_on(main, None)
+    return run_virtual_on(main, None, order)
 
 
-def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
+def run_virtual_on(main: Main[T], on_stray: Stray | None, order: OrderDraws | None = None) -> T:
     """Run a coroutine as `run_virtual` does. `on_stray` receives exceptions that leave the loop."""
     unhandled: list[dict[str, Any]] = []
     leaked: list[str] = []
     try:
-        with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+        with asyncio.Runner(loop_factory=lambda: VirtualLoop(order)) as runner:
             runner.get_loop().set_exception_handler(lambda _, context: unhandled.append(context))
             result = _run_to_end(runner, main, leaked, on_stray)
     except Exception as error:

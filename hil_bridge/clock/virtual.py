@@ -8,12 +8,15 @@ here. Two private names of asyncio's base loop are used because there is no publ
 
 import asyncio
 import itertools
+import math
 from bisect import insort
 from collections import deque
 from collections.abc import Callable
 from contextvars import Context
 from heapq import heappop, heappush
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
+
+from hil_bridge.clock.order import OrderDraws, VirtualOrder, callback_name
 
 VIRTUAL_EPOCH = 7919.3
 """Virtual time at the start of a loop, s.
@@ -84,13 +87,17 @@ class DeferrableTimer(VirtualTimer):
 class VirtualLoop(asyncio.SelectorEventLoop):
     """Event loop of asyncio in virtual time. File descriptors and threads require real time and are refused.
 
-    Callbacks with the same time run in the order in which they were requested.
+    Callbacks with the same time run in the order in which they were requested, unless `order` draws another one.
     """
 
+    usual_order: ClassVar[VirtualOrder] = VirtualOrder()
+    """Order of every loop that is created without draws. pytest's option `--hil-order` sets it."""
     _ready: "deque[Any]"
     _stopping: bool
 
-    def __init__(self) -> None:
+    def __init__(self, order: OrderDraws | None = None) -> None:
+        self.order = order or self.usual_order.draws()
+        """Draws of the order of callbacks; None for first in, first out."""
         self._now = VIRTUAL_EPOCH
         self._turns = 0
         self._numbers = itertools.count()
@@ -167,35 +174,56 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                     f"nothing can happen any more at {self._now:.9f} s: no timer is set and nothing is ready; "
                     f"waiting: {describe_tasks(asyncio.all_tasks(self))}"
                 )
-            when, _, handle = heappop(timers)
+            first = heappop(timers)
+            when = first[0] if self.order is None else self.order.late(first[0])
             if when > self._now:
                 self._now = when
             self._turns = 0
             if timers and timers[0][0] <= self._now:
-                ready.append(handle)
-            else:
-                handle._run()  # usual case: a single callback at this time, which has a separate iteration
-        now = self._now
+                heappush(timers, first)
+                break
+            first[2]._run()  # usual case: a single callback at this time, which has a separate iteration
+        now, untimed = self._now, len(ready)
         while timers and timers[0][0] <= now:
             ready.append(heappop(timers)[2])
+        if self.order is not None:
+            self._arrange(self.order, untimed)
         for _ in range(len(ready)):
             handle = ready.popleft()
             if not handle._cancelled:
                 handle._run()
 
+    def _arrange(self, order: OrderDraws, untimed: int) -> None:
+        """Bring the ready callbacks into the drawn order: all, or only the timers, which follow the first `untimed`."""
+        kept = 0 if order.shuffles_all else untimed
+        callbacks = [handle for handle in itertools.islice(self._ready, kept, None) if not handle._cancelled]
+        while len(self._ready) > kept:
+            self._ready.pop()
+        self._ready.extend(order.arranged(callbacks, self._now, callback_name))
+
     def _run_deferrable(self, until: float | None) -> bool:
         """Run the first deferrable timer up to the time of the next other timer. Return whether there was one."""
         first = self._deferrable[0]
-        if until is not None and first.when > until and not first._cancelled:
+        if first._cancelled:
+            del self._deferrable[0]
+            return True
+        if until is None:
+            due = first.when
+        elif first.when > until:
             return False
+        else:
+            due = first.last_deadline(until) if first.may_wait() else first.when
+            if due == until and self.order is not None:
+                timer = self._timers[0][2]
+                if self.order.arranged([first, timer], due, callback_name)[0] is timer:
+                    before = math.nextafter(until, -math.inf)
+                    if first.when > before:
+                        return False
+                    due = first.last_deadline(before)
         del self._deferrable[0]
-        if not first._cancelled:
-            waits = until is not None and first.may_wait()
-            self._now = max(
-                self._now, first.when if until is None or not waits else first.last_deadline(until)
-            )
-            self._turns = 0
-            first._run()
+        self._now = max(self._now, due)
+        self._turns = 0
+        first._run()
         return True
 
     def close(self) -> None:

@@ -208,6 +208,7 @@ class Run:
                 journal.event(EventKind.MOTION, UNKNOWN_SERVO)
             self._sampler.begin(zero, self._orientation)
             self._state = self._loop.initial(zero.start.pose.position)
+            self._clock.draw_order(self._config.virtual)
             await self._cycles(motion)
         except BridgeError as error:
             journal.trace(error)

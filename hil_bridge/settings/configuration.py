@@ -21,6 +21,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails
 
+from hil_bridge.clock.order import VirtualOrder
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Limits, OscillationDetector
 from hil_bridge.control.controllers import controller_kind
@@ -287,6 +288,8 @@ class Config(_Section):
     oscillation: OscillationDetector = OscillationDetector()
     realtime: RealTime = RealTime()
     """Scheduling of the loop's thread; without effect in virtual time."""
+    virtual: VirtualOrder = VirtualOrder()
+    """Order of callbacks in virtual time; another one than the usual one searches for decisions that depend on it."""
     cell: CellSection = CellSection()
     """The emulated cell: used by `emulate`, and by `run` for a device without a URL."""
     faults: tuple[FaultConfig, ...] = ()

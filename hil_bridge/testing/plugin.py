@@ -82,6 +82,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="DIR",
         help="folder for the runs of hil_simulate, including those of tests that pass",
     )
+    group.addoption(
+        "--hil-order",
+        type=int,
+        metavar="SEED",
+        help="in virtual time, run callbacks that are due together in an order drawn by this seed",
+    )
     parser.addini(
         "hil_suite", "version of the hil_bridge.testing suites with which this project was tested", default=""
     )
@@ -91,6 +97,12 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", f"{REQUIREMENT}(*names): requirements that the test verifies, such as 'R-12'"
     )
+    if (seed := config.getoption("--hil-order")) is not None:
+        from hil_bridge.clock.order import VirtualOrder
+        from hil_bridge.clock.virtual import VirtualLoop
+
+        VirtualLoop.usual_order = VirtualOrder("all", seed)
+        config.add_cleanup(lambda: setattr(VirtualLoop, "usual_order", VirtualOrder()))
     pinned = config.getini("hil_suite")
     if pinned and pinned != SUITE_VERSION:
         raise pytest.UsageError(

@@ -113,6 +113,16 @@ def tracks_again(evidence: Evidence) -> Evidence:
     return recorded(evidence, cycles=tuple(cycles))
 
 
+def clamped_in_usual_order(evidence: Evidence) -> Evidence:
+    cycles = evidence.recording.cycles
+    other = changed(cycles[4], verdict="clamp")
+    return replace(evidence, usual=replace(evidence.recording, cycles=(*cycles[:4], other, *cycles[5:])))
+
+
+def shorter_in_usual_order(evidence: Evidence) -> Evidence:
+    return replace(evidence, usual=replace(evidence.recording, cycles=evidence.recording.cycles[:-1]))
+
+
 PLANTS: dict[str, tuple[Promise, Plant]] = {
     "order deeper": (Promise.ORDERS, deeper_after_stop),
     "pressing end": (
@@ -129,6 +139,8 @@ PLANTS: dict[str, tuple[Promise, Plant]] = {
     "cut": (Promise.WHOLE, lambda run: recorded(run, truncated=True)),
     "no end": (Promise.WHOLE, lambda run: recorded(run, end={})),
     "phase goes back": (Promise.MODEL, tracks_again),
+    "decides by order": (Promise.ORDER, clamped_in_usual_order),
+    "ends by order": (Promise.ORDER, shorter_in_usual_order),
     "exit code": (Promise.EXIT, lambda run: replace(run, exit_code=3)),
 }
 
@@ -272,9 +284,12 @@ def test_fault_does_not_excuse_false_retraction_report(healthy: Evidence, on: st
 def test_touch_after_newest_frame_is_no_violation(healthy: Evidence, on: str, name: str) -> None:
     """A surface that swings, and a tool that bounces off an obstacle."""
     assert healthy.trace is not None
-    pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
+    vectors = np.zeros((len(healthy.trace.times), 3))
+    vectors[-1, 2] = 12.9
+    pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9), vectors=vectors)
     touched = faulted(pressed, {"on": on, "fault": name, "phase": "track"})
-    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(touched)}
+    for evidence in (touched, rest(touched, unverified=["Fx"])):
+        assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(evidence)}
 
 
 def test_sag_of_arm_is_no_false_depth(healthy: Evidence) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual
+from hil_bridge.clock.order import VirtualOrder
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, Figure, find_unmet
 from hil_bridge.lab.campaign.fault_effects import struck_causes, struck_faults
@@ -20,6 +21,7 @@ from hil_bridge.lab.invariants import (
     stated_bound_n,
     violation_detail,
 )
+from hil_bridge.record import Recording
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.topics import RECORDS
 from hil_bridge.runs.background_tasks import background_task
@@ -46,6 +48,8 @@ class Job:
 class _Observation:
     """Data of a run from which the run is judged."""
 
+    usual: Recording | None = None
+    """Recording of the same run in the usual order, if its own order was drawn."""
     simulation: Simulation | None = None
     watch: Watch | None = None
     error: BridgeError | None = None
@@ -96,8 +100,20 @@ def configure_run(job: Job) -> Config:
 def run(config: Config, takes: Collection[type] = RECORDS) -> RunFigures:
     """Execute one run in virtual time and sample its true force. Raises ConfigError for a run that cannot start.
 
-    `takes` holds the types of records that the result keeps. `READ_RECORDS` is sufficient for all figures.
+    `takes` holds the types of records that the result keeps. `READ_RECORDS` is sufficient for all figures. A run in a
+    drawn order is executed in the usual order, too.
     """
+    observed = _observe(config, takes)
+    if observed.simulation is None:
+        assert observed.error is not None
+        return RunFigures({"outcome": REFUSED, "retracted": True}, str(observed.error))
+    if config.virtual.shuffled != "none" and not config.virtual.late_us:
+        usual = _observe(config.model_copy(update={"virtual": VirtualOrder()}), RECORDS).simulation
+        observed.usual = None if usual is None else usual.result.recording
+    return _measure(observed, observed.simulation)
+
+
+def _observe(config: Config, takes: Collection[type]) -> _Observation:
     observed = _Observation()
 
     async def main() -> None:
@@ -114,10 +130,7 @@ def run(config: Config, takes: Collection[type] = RECORDS) -> RunFigures:
             observed.error = error
 
     run_virtual(main)
-    if observed.simulation is None:
-        assert observed.error is not None
-        return RunFigures({"outcome": REFUSED, "retracted": True}, str(observed.error))
-    return _measure(observed, observed.simulation)
+    return observed
 
 
 def _measure(observed: _Observation, running: Simulation) -> RunFigures:
@@ -138,7 +151,7 @@ def _measure(observed: _Observation, running: Simulation) -> RunFigures:
                 figures["recovery_s"] = recovery_s(
                     result.recording, observed.watch.fault_ends(), times, forces
                 )
-        figures |= _promises(running, observed.watch)
+        figures |= _promises(running, observed.watch, observed.usual)
     causes = struck_causes(result.recording)
     if observed.error is not None and observed.error.cause is not None:
         causes |= {str(observed.error.cause): 1}
@@ -153,10 +166,10 @@ def _measure(observed: _Observation, running: Simulation) -> RunFigures:
     return RunFigures(figures, str(observed.error) if refused else result.text, result)
 
 
-def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
+def _promises(running: Simulation, watch: Watch, usual: Recording | None) -> dict[str, Figure]:
     """Return the guard promises that a run broke, and the largest excess of its true force over the bound."""
     trace = watch.trace()
-    evidence = Evidence(running.result.recording, running.config, trace)
+    evidence = Evidence(running.result.recording, running.config, trace, usual=usual)
     violations = broken_promises(evidence)
     figures: dict[str, Figure] = {"promises_broken": len(violations)}
     if violations:

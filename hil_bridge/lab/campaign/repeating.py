@@ -32,6 +32,8 @@ class RepeatedRun(Struct, frozen=True):
     """Figures whose values differ from the campaign."""
     recording: str = ""
     """Path of the new recording; empty if none was saved."""
+    order: tuple[str, ...] = ()
+    """Fewest callbacks that must change places for the run to differ, as text; empty unless it broke `order-equal`."""
     cycle: int | None = None
     """Number of the first cycle that differs from the old recording; None if no cycle differs, or there is no old
     recording.
@@ -49,6 +51,7 @@ class RepeatedRun(Struct, frozen=True):
         yield case.rstrip()
         yield f"  {self.outcome}{self.cause and f', {self.cause}'}"
         yield from (f"  differs: {one.text}" for one in self.differences)
+        yield from (f"  order: {one}" for one in self.order)
         if self.cycle is not None:
             yield f"  differs: the recording, from cycle {self.cycle} on"
         if self.recording:
@@ -95,8 +98,10 @@ def repeat_of(plan: Plan, done: Done) -> RepeatJob:
     return RepeatJob(case, done, Job(done.key, done.number, case.config, done.table, done.seed))
 
 
-def compare_run(repeat: RepeatJob, new: RunFigures, recording: str = "") -> RepeatedRun:
-    """Compare a repeated run with the run in the campaign's results."""
+def compare_run(
+    repeat: RepeatJob, new: RunFigures, recording: str = "", order: tuple[str, ...] = ()
+) -> RepeatedRun:
+    """Compare a repeated run with that in the results. `order` describes the callbacks that changed it."""
     case, done = repeat.case, repeat.done
     return RepeatedRun(
         done.key,
@@ -108,6 +113,7 @@ def compare_run(repeat: RepeatJob, new: RunFigures, recording: str = "") -> Repe
         new.cause,
         tuple(differences(done.figures, new.figures)),
         recording,
+        order,
         _first_difference(repeat.recording, () if new.result is None else new.result.cycles),
     )
 

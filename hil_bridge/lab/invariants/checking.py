@@ -16,6 +16,7 @@ from hil_bridge.lab.invariants.course import (
 from hil_bridge.lab.invariants.ends import false_ends, false_last_lines
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation, violation_text
 from hil_bridge.lab.invariants.force import beyond_bound
+from hil_bridge.lab.invariants.order import other_in_drawn_order
 from hil_bridge.lab.invariants.voids import void_reasons
 from hil_bridge.record import Recording
 from hil_bridge.runs.replay import recorded_config
@@ -32,6 +33,7 @@ CHECKERS: Mapping[Promise, Callable[[Evidence], Iterator[Violation]]] = {
     Promise.EXIT: contradicting_exit_codes,
     Promise.BUG: bugs,
     Promise.MODEL: unaccepted_cycles,
+    Promise.ORDER: other_in_drawn_order,
 }
 """Checker function for each promise."""
 _OF_A_RUN = (Promise.REPLAY, Promise.WHOLE, Promise.BUG)

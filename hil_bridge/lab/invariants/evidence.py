@@ -19,7 +19,7 @@ class Promise(StrEnum):
     """Promise of the guard."""
 
     ORDERS = "no-order-deeper"
-    END = "end-told"
+    END = "end-reported"
     LAST_LINE = "last-line-true"
     BOUND = "bound-kept"
     SPEED = "speed-kept"
@@ -29,6 +29,7 @@ class Promise(StrEnum):
     EXIT = "exit-code-fits"
     BUG = "no-bug"
     MODEL = "model-accepts"
+    ORDER = "order-equal"
 
 
 _TEXTS: Mapping[Promise, str] = {
@@ -43,6 +44,7 @@ _TEXTS: Mapping[Promise, str] = {
     Promise.EXIT: "exit code {code:.0f} contradicts the outcome",
     Promise.BUG: "a bug ended the run",
     Promise.MODEL: "the model of the guard does not accept {detail}",
+    Promise.ORDER: "another order of callbacks that are due together changes {detail}",
 }
 """Text for a violation of each promise, with placeholders for its figures."""
 
@@ -100,6 +102,8 @@ class Evidence:
     """
     exit_code: int | None = None
     """Exit code of the process; None if there was no process."""
+    usual: Recording | None = None
+    """Same run with its callbacks first in, first out; None if it was not made."""
 
     @property
     def truth(self) -> Trace | None:
