@@ -181,7 +181,7 @@ def test_page_without_recordings_shows_cause(results: Path, tmp_path: Path) -> N
         assert [run.figures["rise_s"] for run in store.runs("seed = 1 AND passed")] == [math.inf, math.inf]
         text = page(store)
     assert "The run was stopped" not in text
-    assert "<p>stopped: robot on memory:robot" in text
+    assert "<p>stopped: the robot " in text
     assert "2 runs, all without an end" in text
 
 

@@ -226,7 +226,7 @@ def test_page_escapes_all_text_and_loads_nothing(tmp_path: Path) -> None:
     text = write_report(recording, summarise(recording, END), tmp_path).read_text()
     assert text.count("<script") == text.count("</script>") == 3
     assert text.count("&lt;script&gt;") >= 8
-    assert text.index("<p>Then: first</p>\n<p>Then: &lt;script") < text.index(
+    assert text.index("<p>Then: first.</p>\n<p>Then: &lt;script") < text.index(
         "<p>Tool: <strong>left &lt;script"
     )
     assert not re.search(r"(src|href|srcset)=", text)
