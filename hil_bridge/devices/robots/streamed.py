@@ -167,7 +167,9 @@ class StreamedLink(Generic[Data]):
             raise self._failure
         answering = self._answering
         if fault := answering.faults.report():
-            raise OrderRefused(f"the robot cannot move: {fault.fact}", remedy=fault.remedy, cause=Cause.ROBOT_STATE)
+            raise OrderRefused(
+                f"the robot cannot move: {fault.fact}", remedy=fault.remedy, cause=Cause.ROBOT_STATE
+            )
         if not answering.moving:
             why = answering.lost or Trouble("the movement has ended")
             remedy = "; ".join(filter(None, (why.remedy, "begin another movement")))
