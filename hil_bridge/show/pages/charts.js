@@ -415,7 +415,8 @@ var HilCharts = (() => {
     series(chart, line) {
       const stroke = this.colour(line.colour || "1"), style = line.style || "line";
       const unit = chart.spec.unit ? " " + chart.spec.unit : "";
-      const points = {show: style === "points" ? true : undefined, size: 4, stroke, fill: stroke};
+      const named = Boolean(this.spec.axes[chart.axis].names);   // few values, each of a name
+      const points = {show: style === "points" || named ? true : undefined, size: named ? 8 : 4, stroke, fill: stroke};
       const made = {
         label: line.label, stroke, width: line.width || 1.5, spanGaps: false,
         show: this.isOn(chart, line), points,
