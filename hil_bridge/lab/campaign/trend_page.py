@@ -96,7 +96,8 @@ def point(trend: Trend) -> str:
 
 def _strongest(trend: Trend) -> str:
     """Describe the most significant change of a cell or figure in one sentence; if none is significant, the nearest."""
-    tested = [row for row in (*trend.cells, *trend.figures) if row.adjusted is not None]
+    changes: list[CellChange | FigureChange] = [*trend.cells, *trend.figures]
+    tested = [row for row in changes if row.adjusted is not None]
     if not tested:
         return "No difference can be tested."
     row = min(tested, key=_significance)
