@@ -1,12 +1,12 @@
 """Report of a run: one self-contained page, and on request its picture as PNG and PDF."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.figures import UNKNOWN, concise
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import sentence, why_values
 from hil_bridge.record.device_facts import devices_of, is_beyond_run
@@ -19,7 +19,7 @@ from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import cell_room, document, room
 from hil_bridge.show.report.bag_page import bag_page
 from hil_bridge.show.report.differences import from_defaults
-from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
+from hil_bridge.show.report.figures import NAMED, Row, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality, run_title
 from hil_bridge.show.report.latency_section import latency_section
 from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows
@@ -71,17 +71,22 @@ def page(recording: Recording, summary: Summary) -> str:
     phases = pairs((name, concise(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_point(recording, summary)}
 {room("run", charts, first=1)}{thinned}
-<div class="columns head"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section>
+<div class="columns head"><section><h2>Figures of merit</h2>{rows(_known(merit_rows(summary)))}</section>
 <section>{pairs(identity_rows(recording, summary), "facts")}</section></div>
 {steps_section(recording, summary)}
 {surface_section(recording)}
-<div class="columns"><section><h2>Run</h2>{rows(run_rows(summary)[len(NAMED) :])}</section>
+<div class="columns"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
 <section><h2>Phases</h2>{phases}{before}</section></div>
 {fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
 {fold(f"<h2>Events</h2>{_events(recording)}")}
 {fold(f"<h2>Settings that are not the defaults</h2>{_settings(recording)}")}
 {fold(_counters(summary, devices_of(recording).robot))}"""
     return document(f"{run_title(recording)}, {summary.outcome}", body, cell=bool(recording.cycles))
+
+
+def _known(figures: Iterable[Row]) -> Iterator[Row]:
+    """Yield the figures that have a value."""
+    return (row for row in figures if row.value not in ("", UNKNOWN))
 
 
 def cell_page(recording: Recording, summary: Summary) -> str:
