@@ -50,7 +50,7 @@ class RemovedMap(Struct, frozen=True):
         """Depths as an array (rows, columns), µm."""
         return np.array(self.depths_um)
 
-    def seen_along(self, direction: tuple[float, float], start: tuple[float, float]) -> "RemovedMap | None":
+    def turned_to(self, direction: tuple[float, float], start: tuple[float, float]) -> "RemovedMap | None":
         """Return the map with this direction, in base x and y, and coordinates from a start point in base x and y, m.
         Return None if the directions differ by other than quarter turns, because the cells would not match.
         """

@@ -181,7 +181,7 @@ def test_turned_removed_map_has_same_depths_in_place(turns: int) -> None:
     depths = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     removed = RemovedMap((0.9, 0.1), (0.6, 0.8), (0.0, 0.0), 0.01, depths)
     x, y = ((0.6, 0.8), (-0.8, 0.6), (-0.6, -0.8), (0.8, -0.6))[turns]
-    turned = removed.seen_along((x, y), (0.9, 0.1))
+    turned = removed.turned_to((x, y), (0.9, 0.1))
     assert turned is not None
     assert _depths_at(turned) == _depths_at(removed)
     for row, line in enumerate(turned.depths_um):
@@ -189,7 +189,7 @@ def test_turned_removed_map_has_same_depths_in_place(turns: int) -> None:
             along, across = (a + 0.01 * k for a, k in zip(turned.corner_m, (row, column), strict=True))
             east, north = along * x - across * y, along * y + across * x
             assert _depths_at(removed)[round(0.9 + east, 6), round(0.1 + north, 6)] == depth
-    assert removed.seen_along((1.0, 0.0), (0.9, 0.1)) is None, "cells would not match"
+    assert removed.turned_to((1.0, 0.0), (0.9, 0.1)) is None, "cells would not match"
 
 
 def _depths_at(removed: RemovedMap) -> dict[tuple[float, float], float]:

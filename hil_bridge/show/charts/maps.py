@@ -95,7 +95,7 @@ def _in_work_frame(recording: Recording, removed: RemovedMap) -> RemovedMap | No
         return None
     (x, y, _), origin = config.frame.travel, config.frame.origin_mm
     start = recording.cycles[0].sample.position if origin is None else [1e-3 * one for one in origin]
-    return removed.seen_along((x, y), (start[0], start[1]))
+    return removed.turned_to((x, y), (start[0], start[1]))
 
 
 def _presses(cycle: CycleRecord) -> bool:
