@@ -186,7 +186,7 @@
       const last = charts.sources.cycle?.x.at(-1), still = !playback && now.phase === "retract" && now.elapsed_s - last > STILL_S;
       document.body.classList.toggle("still", still);
       bar("cause", update.end ? "" : sentence(now.cause), "");
-      bar("still", still && !update.end ? `The tool retracts by orders alone: values and picture are those of the last cycle, at ${fixed(last, 1, "s")}.` : "", "");
+      bar("still", still && !update.end ? `This retraction has no cycles: values and picture are those of the last cycle, at ${fixed(last, 1, "s")}.` : "", "");
       bar("warning", now.warning, "Warning:");
       bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
       cell.show(update.at === undefined ? null : update.at);
