@@ -197,4 +197,4 @@ def motion_text(hindrance: str) -> str:
 
 def numbers_text(values: Sequence[float]) -> str:
     """Format the numbers of a row as text in columns."""
-    return "".join(f"{value:>10.3f}" for value in values)
+    return "".join(f"{round(value, 3) + 0.0:>10.3f}" for value in values)  # no negative zero

@@ -32,6 +32,23 @@ def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
     return configuration if isinstance(configuration, dict) else {}
 
 
+def device_urls(recording: Recording) -> tuple[str, str] | None:
+    """Return the URLs of robot and sensor; the URL of an emulated device is empty."""
+    recorded: Any = recorded_configuration(recording)
+    robot, sensor = recorded.get("robot"), recorded.get("sensor")
+    if not isinstance(robot, dict) or not isinstance(sensor, dict) or "url" not in robot:
+        return None
+    return str(robot.get("url") or ""), str(sensor.get("url") or "")
+
+
+def is_beyond_run(recording: Recording) -> bool:
+    """Return whether robot and sensor outlive the run, so that a tool can still be moved. Devices that the run emulates
+    end with it; devices of an unknown kind count as real.
+    """
+    urls = device_urls(recording)
+    return urls is None or all(urls)
+
+
 def json_or_none(text: str | None) -> object:
     """Return the value of a JSON text in a recording; None if the text is empty or invalid JSON."""
     try:

@@ -19,6 +19,8 @@ BYTES_LIMIT = 1 << 21
 """Maximum number of bytes that are read. Chosen: twice the length of the longest text that is written."""
 DEPTH_LIMIT_UM = 1e9
 """Upper bound of a depth, µm. Chosen: 1 km."""
+_SAME_DIRECTION = 1e-6
+"""Largest distance between two unit vectors of the same direction. Chosen: far below a cell of any map."""
 _DIGITS = 3
 """Decimal places of a depth in µm. Chosen: 1 nm."""
 
@@ -47,6 +49,28 @@ class RemovedMap(Struct, frozen=True):
     def depths(self) -> Array:
         """Depths as an array (rows, columns), µm."""
         return np.array(self.depths_um)
+
+    def turned_to(self, direction: tuple[float, float], start: tuple[float, float]) -> "RemovedMap | None":
+        """Return the map with this direction, in base x and y, and coordinates from a start point in base x and y, m.
+        Return None if the directions differ by other than quarter turns, because the cells would not match.
+        """
+        (dx, dy), (ex, ey) = self.direction, direction
+        turns = round(math.atan2(dx * ey - dy * ex, dx * ex + dy * ey) / (math.pi / 2))
+        c, s = round(math.cos(turns * math.pi / 2)), round(math.sin(turns * math.pi / 2))
+        if math.dist(direction, (c * dx - s * dy, s * dx + c * dy)) > _SAME_DIRECTION:
+            return None
+        last_row, last_column = (self.spacing_m * (length - 1) for length in self.depths.shape)
+        ends = [(along, across) for along in (0.0, last_row) for across in (0.0, last_column)]
+        x, y = self.origin_m
+        corners = [(x + along * dx - across * dy, y + along * dy + across * dx) for along, across in ends]
+
+        def place(corner: tuple[float, float]) -> tuple[float, float]:
+            east, north = corner[0] - start[0], corner[1] - start[1]
+            return east * ex + north * ey, north * ex - east * ey
+
+        first = min(corners, key=lambda corner: sum(place(corner)))
+        depths = np.rot90(self.depths, -turns).tolist()
+        return RemovedMap(first, direction, place(first), self.spacing_m, tuple(map(tuple, depths)))
 
 
 def pack_map(

@@ -156,9 +156,8 @@ class FinalState:
 
     @property
     def text(self) -> str:
-        """Last line of a run: the final state, and the remedy if the tool has not been retracted."""
-        because = f", because {self.because}; hil-bridge free lifts it off"
-        return f"{self.place}{'' if self.retracted else because}"
+        """Last line of a run: the final state, and the reason if the tool has not been retracted."""
+        return self.place if self.retracted else f"{self.place}, because {self.because}"
 
 
 class FallbackRetraction:

@@ -138,7 +138,7 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
             code, patience = INTERRUPTED, LEAVE_SECONDS
     else:
         lines += record
-    if result.outcome is Outcome.STOPPED:
+    if result.outcome is Outcome.STOPPED or session.end.retracted is False:
         commands = session.places.next_commands(result.outcome, bool(notes.cycles), session.end.retracted)
         lines += [f"next: {command}" for _, command in commands]
     lines += [f"fault: {text}" for text in notes.faults]

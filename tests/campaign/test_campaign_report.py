@@ -38,7 +38,9 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
 @pytest.mark.parametrize(
     ("bound", "figures", "unmet"),
     [
-        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.25 %", "below 10")),
+        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.2 %", "below 10")),
+        ({"below": 10}, {"overshoot_percent": 10.0004}, Unmet("overshoot_percent", "10.0004 %", "below 10")),
+        ({"below": 10}, {"overshoot_percent": 10.0}, Unmet("overshoot_percent", "10 %", "below 10")),
         ({"below": 10}, {"overshoot_percent": 9.0}, None),
         ({"below": 10}, {}, None),
         (

@@ -12,7 +12,7 @@ from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.store import Store
-from hil_bridge.lab.campaign.trend_page import trend_charts, trend_lines, trend_page
+from hil_bridge.lab.campaign.trend_page import point, trend_charts, trend_lines, trend_page
 from hil_bridge.lab.campaign.trends import Change, Trend, trend_of
 from hil_bridge.lab.significance import fisher_exact, holm, rank_sum
 from tests.campaign.study import changed
@@ -144,7 +144,12 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
     text = trend_page(result)
     assert "3 campaigns compared" in text
     assert '<span class="badge bad">2 worse, 0 better</span>' in text
-    assert "<td>12/12</td><td>11/12</td><td>3/12</td>" in text
+    counts = (("before", "12/12"), ("middle", "11/12"), ("after", "3/12"))
+    assert "".join(f'<td class="" data-title="{name}">{count}</td>' for name, count in counts) in text
+    assert point(result) == (
+        "No setting differs; 24 of 24 runs passed in `before` and 15 of 24 runs passed in `after`. "
+        "`after` is worse: largest true force, 8.55 N → 10.6 N at task.force_n 8.0 (adjusted p 7e-07)."
+    )
 
 
 def test_compare_command_exits_with_1_if_worse(short_results: Path, before: Path, tmp_path: Path) -> None:

@@ -303,7 +303,7 @@ def test_stream_hold_discards_path_and_keeps_movement() -> None:
 
 @pytest.mark.parametrize("pushed_mm", [0.0, 2.0], ids=["stationary", "pushed"])
 def test_stream_accepts_targets_after_fault_at_set_point(pushed_mm: float) -> None:
-    message = r"robot on udp\+memory:robot cannot move: protective stop; release it at the pendant"
+    message = r"the robot cannot move: protective stop; release it at the pendant"
 
     async def script(cell: Cell) -> None:
         await cell.link.ready()

@@ -14,11 +14,11 @@ Bench = Any
 HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
     "power cycle": (
         lambda robot, now: robot.inject("power-cycle", now),
-        "its status is now: in standby, as after a restart",
+        "in standby, as after a restart",
     ),
     "power cycle in mid-message": (
         lambda robot, now: robot.inject("power-cycle", now, after_bytes=20),
-        "its status is now: in standby, as after a restart",
+        "in standby, as after a restart",
     ),
     "work stop": (lambda robot, now: robot.set_work_stop(True, now), "16 work stop"),
     "work stop that is over": (
@@ -27,16 +27,16 @@ HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
     ),
     "emergency stop": (
         lambda robot, now: robot.press_emergency_stop(now),
-        "its status is now: emergency stop, in standby",
+        "emergency stop, in standby",
     ),
     "emergency stop that is over": (
         lambda robot, now: (robot.press_emergency_stop(now), robot.release_emergency_stop(now)),
         "in standby, as after a restart or by hand",
     ),
-    "key": (lambda robot, now: robot.set_key(False, now), "its status is now: key not in AUTO"),
+    "key": (lambda robot, now: robot.set_key(False, now), "key not in AUTO"),
     "link control": (
         lambda robot, now: robot.set_link_control(False, now),
-        "its status is now: link control taken back",
+        "link control taken back",
     ),
     "damaged answers": (
         lambda robot, now: robot.inject("corrupt-block", now, count=20),

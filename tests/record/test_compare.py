@@ -101,6 +101,16 @@ def test_compare_describes_faults_in_words() -> None:
     assert f"<td>faults</td><td>{text}</td><td>none</td>" in compare_page({"a": first, "b": second})
 
 
+def test_compare_describes_steps_and_numbers_in_words() -> None:
+    inner = [{"do": "approach", "limits": {"force_limit_n": None}}, {"do": "track"}]
+    step = [{"do": "move"}, {"do": "repeat", "times": 4, "step": inner}]
+    first = run(9.0, 20, {"task": {"step": step}, "frame": {"travel": [0.0, 1.5, -2.0]}})
+    second = run(9.0, 20, {"task": {"step": []}, "frame": {"travel": [1.0, 0.0, 0.0]}})
+    page = compare_page({"a": first, "b": second})
+    assert "<td>task.<wbr>step</td><td>move, repeat 4 times (approach, track)</td><td>none</td>" in page
+    assert "<td>frame.<wbr>travel</td><td>0, 1.5, -2</td><td>1, 0, 0</td>" in page
+
+
 def test_compare_names_are_short_and_unique() -> None:
     assert names_of([Path("x/a.mcap"), Path("x/b.mcap")]) == ["a", "b"]
     assert names_of([Path("x/run.mcap"), Path("y/run.mcap")]) == ["x/run", "y/run"]

@@ -175,6 +175,33 @@ def test_removed_map_is_cropped_in_place() -> None:
     assert from_json(result.as_json()) == result
 
 
+@pytest.mark.parametrize("turns", range(4))
+def test_turned_removed_map_has_same_depths_in_place(turns: int) -> None:
+    """Each depth stays at its position in the base frame, whatever the direction of the map."""
+    depths = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    removed = RemovedMap((0.9, 0.1), (0.6, 0.8), (0.0, 0.0), 0.01, depths)
+    x, y = ((0.6, 0.8), (-0.8, 0.6), (-0.6, -0.8), (0.8, -0.6))[turns]
+    turned = removed.turned_to((x, y), (0.9, 0.1))
+    assert turned is not None
+    assert _depths_at(turned) == _depths_at(removed)
+    for row, line in enumerate(turned.depths_um):
+        for column, depth in enumerate(line):
+            along, across = (a + 0.01 * k for a, k in zip(turned.corner_m, (row, column), strict=True))
+            east, north = along * x - across * y, along * y + across * x
+            assert _depths_at(removed)[round(0.9 + east, 6), round(0.1 + north, 6)] == depth
+    assert removed.turned_to((1.0, 0.0), (0.9, 0.1)) is None, "cells would not match"
+
+
+def _depths_at(removed: RemovedMap) -> dict[tuple[float, float], float]:
+    """Return the depths by position in base x and y, m."""
+    (x, y), (dx, dy), step = removed.origin_m, removed.direction, removed.spacing_m
+    return {
+        (round(x + step * (row * dx - k * dy), 6), round(y + step * (row * dy + k * dx), 6)): depth
+        for row, line in enumerate(removed.depths_um)
+        for k, depth in enumerate(line)
+    }
+
+
 def test_large_removed_map_is_coarsened() -> None:
     complete = depths(1001, 400)
     result = pack_map((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), 0.001, complete)

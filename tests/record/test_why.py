@@ -1,5 +1,6 @@
 """Paragraph on how a run ended: for every fault of the S3 and the JR3, and samples of the other devices."""
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -125,7 +126,7 @@ def test_why_names_part_hit_by_fault(job: Job, recordings: Recordings) -> None:
     if recording.cycles:
         assert "The last good cycle was number " in before
         assert "The tool was left " in rest
-        assert ("hil-bridge free" in rest) == ("NOT retracted" in recording.end["left"])
+        assert "hil-bridge free" not in rest, "the emulated cell ended with its run"
     else:
         assert refused
         assert "The tool had not been moved." in rest
@@ -361,6 +362,22 @@ def test_run_end_records_lateness_of_computer(monkeypatch: pytest.MonkeyPatch, l
     assert reason.cause is Cause.FORCE_TOO_OLD
     assert reason.late_s == summarise(result.recording).late_s == late_s
     assert ("this computer was late by up to 259 ms" in summarise(result.recording).text) == bool(late_s)
+
+
+@pytest.mark.parametrize(
+    ("urls", "can_lift"), [(("", ""), False), (("tcp://h:1", ""), False), (("tcp://h:1", "udp://h:2"), True)]
+)
+def test_why_suggests_free_only_for_a_lasting_cell(
+    short: Recording, urls: tuple[str, str], can_lift: bool
+) -> None:
+    """An emulated device ends with the run, so nothing can lift its tool afterwards."""
+    end = RunEnd(
+        Outcome.STOPPED, Reason(Cause.FORCE, "60 N"), place="NOT retracted", rest={"retracted": False}
+    )
+    robot, sensor = urls
+    config = json.dumps({"robot": {"url": robot}, "sensor": {"url": sensor}})
+    recording = replace(short, end=end.as_metadata(), metadata={**short.metadata, "config": config})
+    assert ("hil-bridge free" in why(recording)) is can_lift
 
 
 @pytest.fixture

@@ -209,7 +209,7 @@ def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
     recording = dataclasses.replace(recording, cycles=tuple(cycles), sensors=())
     text = page(recording, summarise(recording, END))
     assert len(text) < 2_000_000
-    assert "of 60000 rows of cycle" in text
+    assert "Of more than 4000 rows, a chart holds" in text
     force = chart_data(text)["sources"]["cycle/force"]
     assert len(force["x"]) <= 4000
     assert force["x"] == sorted(force["x"])
@@ -222,11 +222,11 @@ def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
 
 
 def test_page_escapes_all_text_and_loads_nothing(tmp_path: Path) -> None:
-    recording = run()
-    text = write_report(recording, summarise(recording, END), tmp_path).read_text()
+    recording = dataclasses.replace(run(), end=END.as_metadata())
+    text = write_report(recording, summarise(recording), tmp_path).read_text()
     assert text.count("<script") == text.count("</script>") == 3
     assert text.count("&lt;script&gt;") >= 8
-    assert text.index("<p>Then: first</p>\n<p>Then: &lt;script") < text.index(
+    assert text.index("<p>Then: first.</p>\n<p>Then: &lt;script") < text.index(
         "<p>Tool: <strong>left &lt;script"
     )
     assert not re.search(r"(src|href|srcset)=", text)

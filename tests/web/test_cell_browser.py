@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,28 @@ PLAIN = """(() => {
   for (let k = 0; k < data.length; k += 40) colours.add(data.slice(k, k + 3).join());
   return [cell.space.kind, colours.size];
 })()"""
+
+_LIVE = files("hil_bridge.show.web").joinpath("static", "page.js").read_text()
+KEEP = int(_LIVE.partition("KEEP_ROWS = ")[2].partition(",")[0])
+"""Number of rows that the live page keeps."""
+HOUR = """(() => {
+  const place = document.body.appendChild(document.createElement("div"));
+  const {model, rows, start} = hilData("data-cell"), sizes = [], last = {};
+  const cell = HilCell.draw(place, model, {bar: false, keep: KEEP});
+  for (const [name, value] of Object.entries(rows.cycle)) last[name] = Array.isArray(value) ? value.at(-1) : value;
+  for (let minute = 0; minute < 60; minute++) {
+    const x = Array.from({length: 1500}, (_, n) => 60 * minute + 0.04 * n);
+    const position_x = x.map(t => 50 * Math.sin(Math.PI * (t % 60) / 30));
+    cell.rows({cycle: {...last, x, position_x, in_contact: 1, force: 10, force_reference: 10}}, start);
+    if (minute % 20 < 19) continue;
+    cell.path = null;
+    cell.draw(performance.now());
+    sizes.push([cell.tables.cycle.x.length, cell.path.mesh.count]);
+  }
+  cell.destroy();
+  return sizes;
+})()"""
+"""Rows of an hour, 25 a second, in the live picture: how many it keeps, and how much a frame draws."""
 
 
 @pytest.fixture
@@ -103,6 +126,16 @@ async def test_scene_without_webgl_is_a_picture(page: Page, saved: Path) -> None
     assert kind == "plain"
     assert count > 40, "a background alone has one colour"
     assert page.errors == []
+
+
+async def test_live_scene_of_an_hour_is_bounded(page: Page, saved: Path) -> None:
+    """A frame after an hour draws as much as one after twenty minutes."""
+    await page.open(saved.as_uri())
+    await page.until(DRAWN)
+    first, *later = await page.value(HOUR.replace("KEEP", str(KEEP)))
+    assert first[0] == KEEP < 20 * 1500
+    assert first[1] > 0
+    assert later == [first, first]
 
 
 async def test_folded_scene_is_drawn_when_link_opens_it(

@@ -191,6 +191,8 @@ async def test_page_retracts_and_ends_run(page: Page, web_run: Callable[..., Web
     assert recording.end["outcome"] == "interrupted"
     assert recording.end["left"].startswith("retracted")
     assert any("on the page in the browser" in event.text for event in recording.events)
+    await asyncio.sleep(1.0)  # a second attempt to connect would have failed by now
+    assert await page.value("document.getElementById('cut').hidden")
     assert page.errors == []
 
 

@@ -153,6 +153,14 @@ def test_page_reports_silence_and_unexpected_end(stopped: tuple[Scene, Recording
     assert source.update_for(Cursor(), 107.5)["end"]["outcome"] == "gone"
 
 
+def test_sensor_age_between_pulses_is_that_of_the_pulse(stopped: tuple[Scene, Recording]) -> None:
+    """A page between two pulses knows of no frame since, which is no reason to call the sensor old."""
+    source = RunSource(wire.Begin(stopped[0], 0), 100.0)
+    source.pulse(wire.Pulse(5.0, Health(sensor_at=4.996)), 100.0)
+    assert source.update_for(Cursor(), 100.2)["now"]["age_ms"] == pytest.approx(4.0)
+    assert source.update_for(Cursor(), 103.0)["now"]["age_ms"] == pytest.approx(3004.0)
+
+
 def test_long_fast_run_memory_is_bounded(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     cycle = next(cycle for cycle in recording.cycles if cycle.phase == "track")

@@ -72,7 +72,7 @@ async def test_browser_plays_back_a_recording(
     assert "EMULATED" in await page.value(text("cell"))
     assert await page.value("document.getElementById('end').hidden")
     outcome = await page.value(text("outcome"))
-    assert outcome.strip().startswith("At the end: Robot on memory:robot cannot move.")
+    assert outcome.strip().startswith("At the end: The robot cannot move: emergency stop, in standby.")
     await page.until("document.body.classList.contains('ended')")
     length_s = float(await page.value("document.getElementById('at').max"))
     await page.value(slide(length_s / 2))

@@ -7,6 +7,7 @@ from hil_bridge.control.geometry.ways import ROUNDING
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.rounding import three_digits
 from protocol.geometry import Vector
 
 
@@ -18,11 +19,10 @@ def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None)
     passed = criterion is None or (share is not None and share * 100 >= criterion.for_percent)
     text = step.text
     if criterion is not None:
-        kept = (
-            "never in contact"
-            if share is None
-            else f"{100 * share:.1f} % of the {'time' if leg.way is None else 'path'}"
-        )
+        kept = "never in contact"
+        if share is not None:
+            percent = three_digits(100 * share, [criterion.for_percent])
+            kept = f"{percent} % of the {'time' if leg.way is None else 'path'}"
         text = f"force within ±{criterion.within_n:g} N: {kept}, required {criterion.for_percent:g} %"
     (x, y, z), count = step.found
     position_sum = (x / count, y / count, z / count) if count else None

@@ -167,7 +167,9 @@ class StreamedLink(Generic[Data]):
             raise self._failure
         answering = self._answering
         if fault := answering.faults.report():
-            raise OrderRefused(self._faulty(fault.fact), remedy=fault.remedy, cause=Cause.ROBOT_STATE)
+            raise OrderRefused(
+                f"the robot cannot move: {fault.fact}", remedy=fault.remedy, cause=Cause.ROBOT_STATE
+            )
         if not answering.moving:
             why = answering.lost or Trouble("the movement has ended")
             remedy = "; ".join(filter(None, (why.remedy, "begin another movement")))
@@ -204,7 +206,7 @@ class StreamedLink(Generic[Data]):
         match event:
             case ReportReceived(report=report):
                 if report.fault:
-                    report = report._replace(fault=self._faulty(report.fault))
+                    report = report._replace(fault=f"the robot cannot move: {report.fault}")
                 self._newest, self._handed_out = report, bool(self._waiting)
                 self._startup_error = None
                 for waiting in self._waiting:
@@ -229,9 +231,6 @@ class StreamedLink(Generic[Data]):
         )
         text = f"robot on {self.name} sent nothing for {seconds:g} s"
         return RobotSilent(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
-
-    def _faulty(self, text: str) -> str:
-        return f"robot on {self.name} cannot move: {text}"
 
     def _ended(self, cause: BaseException) -> None:
         blame(cause, self._client, "receive")

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from hil_bridge.errors.rounding import three_digits
 from hil_bridge.record.analysis.figures import COUNTED, FIGURES, JUDGED
 
 Figure: TypeAlias = int | float | bool | str | dict[str, str | int] | None
@@ -72,6 +73,17 @@ class Criterion:
                 return bool(value == other)
 
     @property
+    def limits(self) -> Mapping[str, float]:
+        """Bounds of the figure by keyword; empty for a figure without bounds."""
+        match self.allowed:
+            case dict() as bounds:
+                return {name: float(bounds[name]) for name in BOUNDS if name in bounds}
+            case int() | float() as value if not isinstance(value, bool):
+                return {_IS: float(value)}
+            case _:
+                return {}
+
+    @property
     def text(self) -> str:
         """Criterion as one line of text."""
         return f"{self.figure} {self.bounds}"
@@ -116,15 +128,19 @@ def unmet_of(criteria: Sequence[Criterion], figures: Figures) -> tuple[Unmet, ..
     """Return the criteria that a run did not meet, each with the value of its figure."""
     bug = (Unmet("outcome", "error", "no bug"),) if figures.get("outcome") == "error" else ()
     return bug + tuple(
-        Unmet(one.figure, value_text(one.figure, figures.get(one.figure)), one.bounds)
+        Unmet(one.figure, value_text(one.figure, figures.get(one.figure), criteria), one.bounds)
         for one in criteria
         if one.judge(figures) is False
     )
 
 
-def value_text(key: str, value: Figure) -> str:
-    """Format the value of a figure with its unit."""
-    return f"{figure_text(value)} {FIGURES[key].unit}".rstrip()
+def value_text(key: str, value: Figure, criteria: Sequence[Criterion] = ()) -> str:
+    """Format the value of a figure with its unit: a number with three significant digits, and with more if it would
+    otherwise reach or cross a bound of the criteria.
+    """
+    bounds = [limit for one in criteria if one.figure == key for limit in one.limits.values()]
+    text = three_digits(value, bounds) if isinstance(value, float) else figure_text(value)
+    return f"{text} {FIGURES[key].unit}".rstrip()
 
 
 def problem_of(figure: str, allowed: object) -> str | None:

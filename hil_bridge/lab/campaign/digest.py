@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from msgspec import Struct
 
-from hil_bridge.lab.campaign.criteria import Unmet, unmet_of
+from hil_bridge.lab.campaign.criteria import Unmet, unmet_of, value_text
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
@@ -220,6 +220,11 @@ def true_force(run: Done) -> float:
     """Return the largest true force of a run, N; 0 if the run does not have this figure."""
     force = run.figures.get("force_true_max_n")
     return float(force) if isinstance(force, (int, float)) else 0.0
+
+
+def true_force_text(plan: Plan, run: Done) -> str:
+    """Format the largest true force of a run with its unit, so that the text agrees with the criteria on it."""
+    return value_text("force_true_max_n", true_force(run), plan.criteria)
 
 
 def worst_first(runs: Iterable[Done]) -> list[Done]:

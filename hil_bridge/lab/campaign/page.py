@@ -18,6 +18,7 @@ from hil_bridge.lab.campaign.digest import (
     figure_results,
     tally_of,
     true_force,
+    true_force_text,
     unmet_by,
     worst_first,
 )
@@ -35,7 +36,7 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.markup import cells, fold, pairs, prose
+from hil_bridge.show.report.markup import cells, fold, pairs, prose, setting_cells
 
 WORST = 30
 """Maximum number of failed runs listed individually, worst first. Chosen: nobody reads more."""
@@ -106,11 +107,11 @@ class PageBody:
 {_counts(tally, planned)}
 <h2>Each case of the matrix</h2>
 {matrix(plan, runs)}
-<p class="quiet">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
-cannot have, a question mark a case without a run.</p>
+<p class="quiet">Runs that passed / runs. A dot is a fault that the cell cannot have, a question mark a case without a
+run.</p>
 {hunted or self._worst(store, plan, worst)}{cell}
 {fold(self._others(store, plan, others), "more-failed")}
-{_section(criteria_section(criterion_results(plan, runs)))}
+{_section(criteria_section(criterion_results(plan, runs)), settings=True)}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}
 {fold(_section(figures_section(figure_results(plan, runs))), "figures")}
@@ -125,10 +126,10 @@ cannot have, a question mark a case without a run.</p>
         if run is None:
             return ""
         if not run.passed:
-            return f"<h2>The worst run</h2>{self._failing(store, plan, run)}"
+            return f"<h2>The worst run</h2>{self._failing(store, plan, run, plan.cases[run.number].cell)}"
         text = f"{plan.cases[run.number].cell}; fault {faults_of_run(plan.cases[run.number], run)}; seed {run.seed}"
-        command = _command(store, run.key)
-        return f"<h2>Largest true force: {true_force(run):.1f} N</h2><p>{escape(text)}. Repeat it with {command}</p>"
+        heading = f"<h2>Largest true force: {true_force_text(plan, run)}</h2>"
+        return f"{heading}<p>{escape(text)}. Repeat it with {_command(store, run.key)}</p>"
 
     def _cell(self, store: Store, run: Done | None) -> str:
         """Render the worst run in three dimensions, which the reader opens; empty without a recording."""
@@ -141,22 +142,31 @@ cannot have, a question mark a case without a run.</p>
         )
 
     def _others(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
-        """Render the other failed runs, worst first; empty if there are none."""
-        articles = "".join(self._failing(store, plan, run) for run in runs[: WORST - 1])
-        part = f", the worst {WORST - 1} of them" * (len(runs) >= WORST)
-        return f"<h2>{len(runs)} more that failed{part}</h2>{articles}" if articles else ""
+        """Render the other failed runs by cell, the cell with the worst run first; empty if there are none."""
+        listed = runs[: WORST - 1]
+        by_cell: dict[str, list[Done]] = {}
+        for run in listed:
+            by_cell.setdefault(plan.cases[run.number].cell, []).append(run)
+        parts = [
+            f"<h3>{escape(cell)}: {len(group)}</h3>{''.join(self._failing(store, plan, run, '') for run in group)}"
+            for cell, group in by_cell.items()
+        ]
+        part = f", the worst {len(listed)} of them" * (len(runs) > len(listed))
+        return f"<h2>{len(runs)} more that failed{part}, by cell</h2>{''.join(parts)}" if parts else ""
 
-    def _failing(self, store: Store, plan: Plan, run: Done) -> str:
+    def _failing(self, store: Store, plan: Plan, run: Done, cell: str) -> str:
+        """Render a failed run. `cell` names its cell; empty below a heading that does."""
         case = plan.cases[run.number]
+        name = f"<strong>{escape(cell)}</strong>; " if cell else ""
         ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
         unmet = [(FIGURES[one.figure].words, one.value, one.required) for one in unmet_by(plan, run)]
         return (
-            f"<article><p><strong>{escape(case.cell)}</strong>; fault {escape(faults_of_run(case, run))};"
+            f"<article><p>{name}fault {escape(faults_of_run(case, run))};"
             f" seed {run.seed}</p>"
             f"{cells(('not met', 'value', 'required'), unmet, 'narrow unmet')}"
             f"{_render_drawn(run)}"
             f"<p>{prose(self._why(store, run) or ended)}</p>"
-            f'<p class="quiet">{self._recording(store, run)}Largest true force {true_force(run):.1f} N. '
+            f'<p class="quiet">{self._recording(store, run)}Largest true force {true_force_text(plan, run)}. '
             f"Repeat it with {_command(store, run.key)}</p>"
             "</article>"
         )
@@ -195,8 +205,8 @@ def point(plan: Plan, runs: Sequence[Done]) -> str:
         return "No run has been executed yet."
     failed = [run for run in runs if not run.passed]
     if not failed:
-        hardest = max(map(true_force, runs))
-        return f"Every run met every criterion; the largest true force was {hardest:.1f} N."
+        hardest = max(runs, key=true_force)
+        return f"Every run met every criterion; the largest true force was {true_force_text(plan, hardest)}."
     cases = len({run.number for run in failed})
     where = f"{cases} of {len(plan.possible)} cases have failed runs"
     unmet = max(criterion_results(plan, runs), key=lambda one: one.not_met, default=None)
@@ -242,8 +252,10 @@ def _counts(tally: Tally, planned: int) -> str:
     )
 
 
-def _section(section: Section) -> str:
-    table = cells(section.columns, section.rows, "narrow")
+def _section(section: Section, settings: bool = False) -> str:
+    """Render a table with its title. The first column of `settings` may break within a name."""
+    columns, lines = section.columns, section.rows
+    table = setting_cells(columns, lines) if settings else cells(columns, lines, "narrow")
     return f'<h2>{escape(section.title)}</h2><div class="scroll">{table}</div>'
 
 
@@ -272,7 +284,7 @@ def _hardest(store: Store, plan: Plan, runs: Sequence[Done]) -> str:
     hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
     lines = [
         (
-            f"{true_force(run):.1f} N",
+            true_force_text(plan, run),
             f"{run.seed}",
             plan.cases[run.number].cell,
             faults_of_run(plan.cases[run.number], run),
@@ -297,8 +309,8 @@ def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
     named = "; ".join(empty) or "none"
     return (
         "<h2>Faults by phase</h2>"
-        '<p class="quiet">Number of runs in which the fault was planned in this phase where all passed; else how many '
-        "passed, of how many. A question mark is a phase in which no run had it yet.</p>"
+        '<p class="quiet">Runs that passed / runs in which the fault was planned in this phase. A question mark is a '
+        "phase in which no run had it yet.</p>"
         f"{table}<p>Not injected yet: {escape(named)}.</p>"
     )
 

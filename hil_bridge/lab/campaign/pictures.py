@@ -9,6 +9,8 @@ from hil_bridge.lab.campaign.plan import Plan, faults_of_table
 from hil_bridge.lab.campaign.run_text import fault_of
 from hil_bridge.lab.campaign.store import Done
 
+UPRIGHT_MOST = 8
+"""Maximum number of columns with upright headings; above it, headings are vertical. Chosen: the width of a page."""
 FIRST_PHASE = "connect"
 """Label of the phase for a fault that specifies no phase."""
 
@@ -36,7 +38,8 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
         f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell, _ in cells)}</tr>\n"
         for fault, numbers in by_fault.items()
     )
-    return f'<div class="scroll"><table class="matrix"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
+    style = "matrix few" if len(cells) <= UPRIGHT_MOST else "matrix"
+    return f'<div class="scroll"><table class="{style}"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
 
 
 def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
@@ -74,7 +77,7 @@ def _counts(passed: int, done: int) -> str:
     """Render one field of a matrix: the number of runs that passed, and the number of all runs."""
     if not done:
         return '<td class="none" title="no run yet">?</td>'
-    return f'<td class="pass">{done}</td>' if passed == done else f'<td class="fail">{passed}/{done}</td>'
+    return f'<td class="{"pass" if passed == done else "fail"}">{passed}/{done}</td>'
 
 
 def drawn_faults(plan: Plan) -> dict[tuple[str, str], list[str]]:

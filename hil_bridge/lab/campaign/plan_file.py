@@ -308,7 +308,8 @@ class _PlanReader:
 def _value(key: str, value: object) -> _Cell:
     """Return one value of an axis. A table may contain a label for it."""
     if not isinstance(value, dict):
-        return _Cell(f"{key} {value}", f"{value}", {key: value})
+        short = f"{value:g}" if isinstance(value, float) else f"{value}"
+        return _Cell(f"{key} {value}", f"{key.rpartition('.')[2]} {short}", {key: value})
     values = dict(leaves(value))
     label = values.pop("label", None) or ", ".join(f"{name} {one}" for name, one in values.items())
     return _Cell(f"{key} {label}", label, values)

@@ -3,10 +3,10 @@
 import math
 import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
-from hil_bridge.lab.campaign.criteria import BOUNDS
+from hil_bridge.errors.rounding import three_digits
 from hil_bridge.lab.campaign.digest import NUMBERS, values_of
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done
@@ -25,26 +25,20 @@ def distributions(plan: Plan, runs: Sequence[Done]) -> str:
     """Render a histogram of each figure, beginning with the figures that have a criterion. Figures with one value
     in all runs share a line of text.
     """
-    allowed = {one.figure: one.allowed for one in plan.criteria}
+    limits = {one.figure: one.limits for one in plan.criteria}
     parts, same = [], []
-    for key in sorted(NUMBERS, key=lambda key: key not in allowed):
+    for key in sorted(NUMBERS, key=lambda key: key not in limits):
         values = values_of(key, runs)
         if not values:
             continue
         if values[0] == values[-1] and math.isfinite(values[0]) and len(values) > 1:
             same.append(f"{FIGURES[key].words} {FIGURES[key].text(values[0])}")
             continue
-        parts.append(_distribution(key, values, _bounds(allowed.get(key))))
+        parts.append(_distribution(key, values, limits.get(key, {})))
     if not parts and not same:
         return "<p>none</p>"
     alike = f"<p>The same in all runs that have it: {escape('; '.join(same))}.</p>" if same else ""
     return f'<div class="figures">{"".join(parts)}</div>{alike}'
-
-
-def _bounds(allowed: object) -> Mapping[str, float]:
-    if not isinstance(allowed, dict):
-        return {}
-    return {name: float(allowed[name]) for name in BOUNDS if name in allowed}
 
 
 def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]) -> str:
@@ -58,16 +52,20 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
     counts = f"{len(finite)} runs" + (f", and {endless} without an end" if endless else "")
     allowed = "".join(f"; required: {_bound_text(word, bound)}" for word, bound in bounds.items())
     named = (("median", median), ("99 % ≤", late), ("least", low), ("largest", high))
-    numbers = ", ".join(f"{name} {_number(value)}" for name, value in named) + allowed
+    numbers = ", ".join(f"{name} {_number(value, bounds.values())}" for name, value in named) + allowed
     return (
         f"<figure><figcaption>{title}</figcaption>{_Histogram(key, finite, bounds).draw()}"
         f"<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
 
 
-def _number(value: float) -> str:
+def _number(value: float, bounds: Iterable[float] = ()) -> str:
     """Format a value with three significant digits; a count, exactly."""
-    return number(value if value == round(value) and abs(value) < _COUNT_MOST else float(f"{value:.3g}"), 6)
+    return (
+        number(value, 6)
+        if value == round(value) and abs(value) < _COUNT_MOST
+        else three_digits(value, bounds)
+    )
 
 
 def _bound_text(word: str, bound: float) -> str:
@@ -88,6 +86,8 @@ class _Histogram:
         self._high = max([high, *self._near.values()])
         self._span = self._high - self._low or 1.0
         self._key, self._values = key, values
+        self._room = 18 if self._near else 8
+        """Height above the tallest bar, px; the label of a bound needs more."""
 
     def draw(self) -> str:
         """Return the SVG."""
@@ -112,7 +112,7 @@ class _Histogram:
         top, width = max(counts.values()), _WIDTH / BINS
         parts = []
         for place, count in sorted(counts.items()):
-            height = max(1.5, (_HEIGHT - 8) * count / top)
+            height = max(1.5, (_HEIGHT - self._room) * count / top)
             first = low + place * span / BINS
             title = f"{count} runs from {_number(first)} to {_number(first + span / BINS)}"
             parts.append(

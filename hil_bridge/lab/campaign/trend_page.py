@@ -7,9 +7,9 @@ from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
 from hil_bridge.lab.text_tables import aligned
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN, concise
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
-from hil_bridge.show.report.markup import across, cells, fold
+from hil_bridge.show.report.markup import across, cells, fold, prose, table
 
 SERIES_MOST = 8
 """Maximum number of cells in a chart. Chosen: the number of distinguishable colours."""
@@ -17,6 +17,10 @@ CHARTS_MOST = 12
 """Maximum number of charts of figures, most significant first. Chosen: nobody scrolls further."""
 FIGURES_MOST = 30
 """Maximum number of figures in the text, most significant first. Chosen: one screen."""
+FIRST_FIGURES = 8
+"""Number of figures on the page that are not folded, at least. Chosen: what a screen has below the first table."""
+_SETTINGS_MOST = 2
+"""Maximum number of settings named in the first sentence. Chosen: the table has all."""
 _PLACE = "place"
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
 
@@ -63,17 +67,49 @@ def trend_page(trend: Trend) -> str:
     ]
     body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
 <span class="badge {style}">{outcome}</span></header>
-<p>Tests compare the first results, {escape(names[0])}, with the last, {escape(names[-1])}. A change is significant if
-its probability, adjusted after Holm for the number of tests, is below {trend.level:g}.</p>
+<p class="point">{prose(point(trend))}</p>
 {_setting_table(trend, names)}<h2>Runs that passed, by cell</h2>
-<p class="quiet">Fisher's exact test.</p>
 {_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
-<h2>Course over the results</h2>{room("trend", trend_charts(trend))}
-<h2>Figures that differ</h2>
-<p class="quiet">Medians of each cell, the most significant first; Mann-Whitney test.</p>
-{_figure_table(trend, names)}
+<h2>Figures that differ, medians by cell</h2>
+{_figure_tables(trend, names)}
+<p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
+figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
+tests, is below {trend.level:g}.</p>
+<h2>Course over the results</h2>{room("trend", trend_charts(trend), first=2)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
+
+
+def point(trend: Trend) -> str:
+    """Return in one or two sentences what differs, how many runs passed, and which results are better by what."""
+    first, last = trend.results[0], trend.results[-1]
+    settings = trend.settings
+    differ = [
+        f"`{one.key}` is {one.before} in `{first.name}` and {one.after} in `{last.name}`" for one in settings
+    ]
+    if len(settings) > _SETTINGS_MOST:
+        differ = [f"{len(settings)} settings differ"]
+    passed = [f"{one.tally.passed} of {one.tally.total} runs passed in `{one.name}`" for one in (first, last)]
+    sentence = "; ".join([*(differ or ["no setting differs"]), " and ".join(passed)])
+    return f"{sentence[:1].upper()}{sentence[1:]}. {_strongest(trend)}"
+
+
+def _strongest(trend: Trend) -> str:
+    """Describe the most significant change of a cell or figure in one sentence; if none is significant, the nearest."""
+    changes: list[CellChange | FigureChange] = [*trend.cells, *trend.figures]
+    tested = [row for row in changes if row.adjusted is not None]
+    if not tested:
+        return "No difference can be tested."
+    row = min(tested, key=_significance)
+    if isinstance(row, FigureChange):
+        before, after = (_median_text(row, value) for value in (row.medians[0], row.medians[-1]))
+        what = f"{FIGURES[row.figure].words}, {before} → {after}"
+    else:
+        what = f"runs that passed, {_count(row.tallies[0])} → {_count(row.tallies[-1])}"
+    detail = f"{what} at {row.cell} (adjusted p {_probability(row.adjusted)})"
+    if row.change in (Change.BETTER, Change.WORSE):
+        return f"`{trend.results[-1].name}` is {row.change.value}: {detail}."
+    return f"No difference is significant; the nearest is {detail}."
 
 
 def _setting_table(trend: Trend, names: Sequence[str]) -> str:
@@ -89,15 +125,23 @@ def _cells(trend: Trend) -> Sequence[CellChange]:
 
 
 def _cell_row(row: CellChange) -> tuple[str, ...]:
-    counts = (f"{one.passed}/{one.total}" if one.total else UNKNOWN for one in row.tallies)
+    counts = map(_count, row.tallies)
     return row.cell, *counts, _probability(row.probability), _probability(row.adjusted), row.change.value
 
 
+def _count(tally: Tally) -> str:
+    return f"{tally.passed}/{tally.total}" if tally.total else UNKNOWN
+
+
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
-    definition = FIGURES[row.figure]
-    medians = (definition.text(value) for value in row.medians)
+    medians = (_median_text(row, value) for value in row.medians)
     test = _probability(row.probability), _probability(row.adjusted), row.change.value
-    return definition.words, row.cell, *medians, *test
+    return FIGURES[row.figure].words, row.cell, *medians, *test
+
+
+def _median_text(row: FigureChange, value: float | None) -> str:
+    definition = FIGURES[row.figure]
+    return concise(value, definition.scale, definition.form, definition.unit)
 
 
 def _probability(value: float | None) -> str:
@@ -106,29 +150,40 @@ def _probability(value: float | None) -> str:
     return f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
 
 
-def _significance(row: FigureChange) -> tuple[float, float]:
+def _significance(row: CellChange | FigureChange) -> tuple[float, float]:
     return (
         2.0 if row.adjusted is None else row.adjusted,
         2.0 if row.probability is None else row.probability,
     )
 
 
-def _figure_table(trend: Trend, names: Sequence[str]) -> str:
-    rows = [(_figure_row(row), row.change) for row in sorted(trend.figures, key=_significance)]
+def _figure_tables(trend: Trend, names: Sequence[str]) -> str:
+    """Render the figures that differ, the most significant first; most of those that are not significant are folded."""
+    rows = sorted(trend.figures, key=_significance)
     if not rows:
         return "<p>Every figure is the same in all results.</p>"
-    return _render_marked(("figure", "cell", *names, "p", "adjusted", ""), rows)
+    columns = ("figure", "cell", *names, "p", "adjusted", "")
+    first = max(FIRST_FIGURES, sum(row.change is not Change.NONE for row in rows))
+    marked = [(_figure_row(row), row.change) for row in rows]
+    more = f"<h2>{len(rows) - first} more figures</h2>{_render_marked(columns, marked[first:])}"
+    return _render_marked(columns, marked[:first]) + (fold(more) if len(rows) > first else "")
 
 
 def _render_marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]) -> str:
-    """Render a table whose last column is coloured by the change in it."""
+    """Render a table whose last column is coloured by the change in it. On a phone, each value has the title of its
+    column.
+    """
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in texts[:-1])}"
-        f'<td class="{_CLASSES[change]}">{escape(texts[-1])}</td></tr>\n'
+
+    def field(title: str, text: str, style: str = "") -> str:
+        return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td>'
+
+    body = [
+        "".join(field(*one) for one in zip(columns, texts[:-1], strict=False))
+        + field("", texts[-1], _CLASSES[change])
         for texts, change in rows
-    )
-    return across(f'<table class="narrow"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>')
+    ]
+    return across(table(body, "narrow steps", f"<thead><tr>{head}</tr></thead>"))
 
 
 def trend_charts(trend: Trend) -> Charts:

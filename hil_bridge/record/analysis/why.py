@@ -12,7 +12,7 @@ from hil_bridge.errors.causes import Cause, Part, describe_lateness
 from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.analysis.summary import RETRACT, end_of, phases
-from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.device_facts import devices_of, is_beyond_run
 from hil_bridge.record.ending import (
     Outcome,
     RunEnd,
@@ -296,12 +296,12 @@ class _Ending:
             return "The recording contains no cause."
         if self._end.outcome is Outcome.INTERRUPTED:
             request = _REQUESTS.get(reason.cause, "").format(by=self._operator_input(reason.cause))
-            return f"It was ended by {request}." if request else _sentence(reason.text)
+            return f"It was ended by {request}." if request else sentence(reason.text)
         row = ROWS[reason.cause]
         blamed = self._fill_names(row.blames)
         if reason.late_s and row.part in _MISLED_BY_LATENESS:
             late = describe_lateness(reason.late_s)
-            return f"{_sentence(late)[:-1]} just before. That, or {blamed}, ended it: {reason.fact}."
+            return f"{sentence(late)[:-1]} just before. That, or {blamed}, ended it: {reason.fact}."
         return f"The cause was {blamed}: {reason.fact}."
 
     def _operator_input(self, cause: Cause) -> str:
@@ -311,7 +311,7 @@ class _Ending:
     def _beside(self) -> Iterator[str]:
         reason = self._end.reason
         if reason is not None and reason.late_s and ROWS[reason.cause].part not in _MISLED_BY_LATENESS:
-            yield f"{_sentence(describe_lateness(reason.late_s))[:-1]} just before."
+            yield f"{sentence(describe_lateness(reason.late_s))[:-1]} just before."
         if self._end.followed:
             yield "Then: " + "; ".join(reason.fact for reason in self._end.followed) + "."
         for event in reversed(self._recording.events):
@@ -333,7 +333,7 @@ class _Ending:
             checks = [self._fill_names(ROWS[reason.cause].look)]
             if reason.late_s:
                 checks.insert(0, LOOK[Part.COMPUTER])
-        if self._end.retracted is False:
+        if self._end.retracted is False and is_beyond_run(self._recording):
             checks.append("lift the tool off with `hil-bridge free`")
         remedy = f"The message continues: {reason.remedy}. " if reason is not None and reason.remedy else ""
         return remedy + (f"Check: {'; '.join(checks)}." if checks else "")
@@ -419,5 +419,6 @@ def _before(seconds: float) -> str:
     return f"{seconds:.2f} s before that" if seconds >= 0.005 else "at that moment"
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Return a text as a sentence; empty for an empty text."""
     return f"{text[:1].upper()}{text[1:]}." if text else ""

@@ -140,15 +140,20 @@ def _last_contact(recording: Recording, zero: float) -> float | None:
 
 def recorded_model(recording: Recording) -> CellModel:
     """Return the model of a recorded run."""
-    recorded = recorded_configuration(recording)
-    try:
-        config = read_config(recorded) if recorded else None
-    except (BridgeError, ValidationError, TypeError, ValueError):  # the plug-in is not installed
-        config = None
+    config = recorded_settings(recording)
     touched = {cycle.cycle for cycle in recording.cycles if cycle.in_contact}
     touches = [truth.position for truth in recording.truths if truth.cycle in touched]
     model = model_of(config, touches or [truth.position for truth in recording.truths[-1:]])
     return model if recording.removed is None else replace(model, removed=_removed(recording.removed))
+
+
+def recorded_settings(recording: Recording) -> Config | None:
+    """Return the settings of a recorded run; None if it has none, or if their plug-in is not installed."""
+    recorded = recorded_configuration(recording)
+    try:
+        return read_config(recorded) if recorded else None
+    except (BridgeError, ValidationError, TypeError, ValueError):
+        return None
 
 
 def _removed(removed: RemovedMap) -> RemovedDepths:

@@ -12,6 +12,7 @@ from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord, TruthRecord
 from hil_bridge.record.removed_map import RemovedMap
+from hil_bridge.show.charts.cell import recorded_settings
 from hil_bridge.show.charts.sources import Array, column
 from hil_bridge.show.charts.surface import touches
 from hil_bridge.show.pages.description import Grid, Map, Range, Scale, Spot, Trace
@@ -26,6 +27,9 @@ _LEAST_ERROR = 0.05
 """Smallest end of the colour scale, as a share of the target force. Chosen."""
 _CUT_MM = 2.0
 """Distance above which two samples are not connected, mm. Chosen."""
+_LABELS = "x from the start point, mm", "y, mm"
+_OWN_LABELS = "path coordinate, mm", "left of the path, mm"
+"""Labels of the axes in the work frame, and on a surface that is turned otherwise."""
 _PIECES_MOST = 3000
 """Maximum number of coloured segments; a longer path is decimated. Chosen: three per pixel."""
 _PLACES_MOST = 4000
@@ -51,8 +55,7 @@ def path_map(recording: Recording) -> Map | None:
     return Map(
         "path",
         "Path from above, coloured by force error",
-        "x from the start point, mm",
-        "y, mm",
+        *_LABELS,
         along,
         across,
         Scale("sign", -most, most, "N"),
@@ -66,23 +69,33 @@ def path_map(recording: Recording) -> Map | None:
 
 def removed_map(recording: Recording) -> Map | None:
     """Return the depth of removed material and the path of the tool in contact, or None if no map was recorded."""
-    removed = recording.removed
-    if removed is None:
+    if recording.removed is None:
         return None
+    in_frame = _in_work_frame(recording, recording.removed)
+    removed, labels = (in_frame, _LABELS) if in_frame is not None else (recording.removed, _OWN_LABELS)
     depths, step = removed.depths, removed.spacing_m * 1e3
     rows, columns = depths.shape
     along, across = (1e3 * place for place in removed.corner_m)
     return Map(
         "removed",
         "Removed depth, and path of the tool on it",
-        "path coordinate, mm",
-        "left of the path, mm",
+        *labels,
         (along - step / 2, along + (rows - 0.5) * step),
         (across - step / 2, across + (columns - 0.5) * step),
         Scale("amount", 0.0, max(float(depths.max()), 1e-9), "µm"),
         _trace_touch(recording.truths, removed),
         grid=Grid(depths.T.tolist()),
     )
+
+
+def _in_work_frame(recording: Recording, removed: RemovedMap) -> RemovedMap | None:
+    """Return the map in the work frame, as the path from above; None if the surface is turned otherwise."""
+    config = recorded_settings(recording)
+    if config is None or not recording.cycles:
+        return None
+    (x, y, _), origin = config.frame.travel, config.frame.origin_mm
+    start = recording.cycles[0].sample.position if origin is None else [1e-3 * one for one in origin]
+    return removed.turned_to((x, y), (start[0], start[1]))
 
 
 def _presses(cycle: CycleRecord) -> bool:

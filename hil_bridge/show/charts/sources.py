@@ -28,8 +28,8 @@ class Sources:
 
     def __init__(self) -> None:
         self.held: dict[str, dict[str, list[float | None]]] = {}
-        self.rows: dict[str, tuple[int, int]] = {}
-        """Original number of rows and number of rows kept in one chart, for each decimated source."""
+        self.is_decimated = False
+        """Whether any source had more rows than a chart holds."""
 
     def chart(self, chart: Chart, tables: Mapping[str, Arrays]) -> Chart:
         """Add the columns that a chart needs; return the chart with the names of the sources that contain them."""
@@ -59,7 +59,7 @@ class Sources:
             source = self.held.setdefault(name, {"x": round_times(x[order])})
         else:
             order = order[kept_rows([column[order] for column in columns.values()], len(order))]
-            self.rows[name] = (len(known), max(len(order), self.rows.get(name, (0, 0))[1]))
+            self.is_decimated = True
             name = f"{name}/{chart}"
             source = self.held.setdefault(name, {"x": round_times(x[order])})
         for column, values in columns.items():
@@ -69,11 +69,10 @@ class Sources:
 
     def sentence(self) -> str:
         """Return a sentence about omitted samples; empty if no samples are omitted."""
-        parts = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
-        if not parts:
+        if not self.is_decimated:
             return ""
         return (
-            f"The charts hold at most {', '.join(parts)}: the least and the greatest value of each interval, so no"
+            f"Of more than {ROWS_MOST} rows, a chart holds the least and the greatest value of each interval, so no"
             " peak is lost. The recording holds every row."
         )
 

@@ -57,6 +57,7 @@ var HilCharts = (() => {
       this.hidden = new Set();  // `chart/label` of the series switched off by the user
       this.layers = new Map(this.spec.layers.map(layer => [layer.id, layer.shown !== false]));
       this.charts = [];
+      this.order = [];          // charts of a growing run, as they appeared: a later one comes last, and none vanishes
       this.frame = 0;
       this.dark = matchMedia("(prefers-color-scheme: dark)");
       this.rebuild = () => this.build();
@@ -298,7 +299,11 @@ var HilCharts = (() => {
     }
 
     shown() {
-      const all = this.spec.charts.filter((spec, index) => this.shows(spec, index));
+      const all = this.spec.charts.filter((spec, index) => this.order.includes(spec) || this.shows(spec, index));
+      if (this.options.follow !== null) {
+        this.order.push(...all.filter(spec => !this.order.includes(spec)));
+        all.sort((one, other) => this.order.indexOf(one) - this.order.indexOf(other));
+      }
       return this.options.first === null || this.printing ? all : all.slice(0, this.options.first);
     }
 
@@ -410,7 +415,8 @@ var HilCharts = (() => {
     series(chart, line) {
       const stroke = this.colour(line.colour || "1"), style = line.style || "line";
       const unit = chart.spec.unit ? " " + chart.spec.unit : "";
-      const points = {show: style === "points" ? true : undefined, size: 4, stroke, fill: stroke};
+      const named = Boolean(this.spec.axes[chart.axis].names);   // few values, each of a name
+      const points = {show: style === "points" || named ? true : undefined, size: named ? 8 : 4, stroke, fill: stroke};
       const made = {
         label: line.label, stroke, width: line.width || 1.5, spanGaps: false,
         show: this.isOn(chart, line), points,

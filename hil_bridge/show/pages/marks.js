@@ -93,12 +93,17 @@ var HilMarks = (() => {
     ctx.fillText(text, right, top);
   }
 
-  function mark(charts, chart, u, one, scene) {
-    const {ctx, box, ratio} = scene;
-    const x = u.valToPos(one.x, "x", true), kind = one.kind || "event", loud = kind === "stop" || kind === "fault" || kind === "note";
-    if (x < box.left - 1 || x > box.left + box.width + 1) return;
-    const colour = charts.css.getPropertyValue(`--mark-${kind.replace(/[^a-z]/g, "")}`).trim();
+  const LOUD = ["stop", "fault", "note"];
+  const kindOf = one => one.kind || "event";
+
+  function ink(charts, one, {ctx}) {
+    const colour = charts.css.getPropertyValue(`--mark-${kindOf(one).replace(/[^a-z]/g, "")}`).trim();
     ctx.strokeStyle = ctx.fillStyle = colour || charts.css.getPropertyValue("--mark-event").trim();
+  }
+
+  function rule(charts, x, one, scene) {
+    const {ctx, box, ratio} = scene, loud = LOUD.includes(kindOf(one));
+    ink(charts, one, scene);
     ctx.lineWidth = (loud ? 1.6 : 1) * ratio;
     ctx.globalAlpha = loud ? 1 : 0.55;
     ctx.setLineDash(loud ? [] : [2 * ratio, 3 * ratio]);
@@ -108,8 +113,12 @@ var HilMarks = (() => {
     ctx.stroke();
     ctx.setLineDash([]);
     ctx.globalAlpha = 1;
-    if (!chart.first || !loud) return;
-    const gap = 5 * ratio, text = cut(ctx, kind === "stop" ? kind : one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
+  }
+
+  function caption(charts, x, one, scene) {
+    const {ctx, box, ratio} = scene;
+    ink(charts, one, scene);
+    const gap = 5 * ratio, text = cut(ctx, one.kind === "stop" ? one.kind : one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
     const leftwards = x + width + 2 * gap > box.left + box.width;
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
     let row = 0;   // at the bottom, where a pressing force leaves space, and stacked if they would overlap
@@ -120,6 +129,15 @@ var HilMarks = (() => {
     const y = box.top + box.height - (18 + 15 * row) * ratio;
     plate(charts, scene, [from, y, width]);
     ctx.fillText(text, from, y);
+  }
+
+  function marks(charts, chart, u, scene) {   // the texts after all lines, so that no line crosses one
+    const {box} = scene, placed = charts.spec.marks
+      .filter(one => (!one.layer || charts.layers.get(one.layer) !== false) && (one.axis || "time") === chart.axis)
+      .map(one => [u.valToPos(one.x, "x", true), one])
+      .filter(([x]) => x >= box.left - 1 && x <= box.left + box.width + 1);
+    for (const [x, one] of placed) rule(charts, x, one, scene);
+    if (chart.first) for (const [x, one] of placed) if (LOUD.includes(kindOf(one))) caption(charts, x, one, scene);
   }
 
   function moment(charts, u, {ctx, box, ratio}) {
@@ -138,10 +156,7 @@ var HilMarks = (() => {
       if (chart.first) names(charts, chart, u, scene);
       if (Number.isFinite(charts.moment)) moment(charts, u, scene);
       for (const one of chart.spec.limits || []) limit(charts, u, one, scene);
-      for (const one of charts.spec.marks) {
-        const shown = !one.layer || charts.layers.get(one.layer) !== false;
-        if (shown && (one.axis || "time") === chart.axis) mark(charts, chart, u, one, scene);
-      }
+      marks(charts, chart, u, scene);
     });
   }
 

@@ -1,7 +1,7 @@
 """Differences of a recorded configuration from the defaults, and between the configurations of runs."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
@@ -71,9 +71,27 @@ def _describe_setting(key: str, value: object) -> str:
         return ABSENT
     if value is None:
         return "default"
-    if key == "faults" and isinstance(value, list) and all(isinstance(one, dict) for one in value):
-        return "; ".join(map(_describe_fault, value)) or "none"
+    if isinstance(value, list) and key in _WORDED and all(isinstance(one, dict) for one in value):
+        return _WORDED[key](value) or "none"
+    numbers = value if isinstance(value, list) else [value]
+    if numbers and all(isinstance(one, float) for one in numbers):
+        return ", ".join(repr(one).removesuffix(".0") for one in numbers)
     return describe_value(value)
+
+
+def _describe_faults(faults: Sequence[Mapping[str, Any]]) -> str:
+    return "; ".join(map(_describe_fault, faults))
+
+
+def _describe_steps(steps: Sequence[Mapping[str, Any]]) -> str:
+    """Describe the steps of a recorded program by their names; a repetition has its own in brackets."""
+    parts = []
+    for step in steps:
+        inner = step.get("step")
+        nested = isinstance(inner, list) and all(isinstance(one, dict) for one in inner)
+        times = f" {step['times']} times" if step.get("times") else ""
+        parts.append(f"{step.get('do')}{times}{f' ({_describe_steps(inner)})' if nested and inner else ''}")
+    return ", ".join(parts)
 
 
 def _describe_fault(fault: Mapping[str, Any]) -> str:
@@ -86,6 +104,13 @@ def _describe_fault(fault: Mapping[str, Any]) -> str:
     given = [f"for {fault['for_s']} s"] if fault.get("for_s") is not None else []
     given += [f"{name} {value}" for name, value in (fault.get("parameters") or {}).items()]
     return ", ".join([f"{fault.get('fault')} at the {fault.get('on')}", begin, *given]).replace(".0 s", " s")
+
+
+_WORDED: Mapping[str, Callable[[Sequence[Mapping[str, Any]]], str]] = {
+    "faults": _describe_faults,
+    "task.step": _describe_steps,
+}
+"""Settings that are lists of tables, with the function that describes them in words."""
 
 
 def _flat(before: str, values: Mapping[str, Any], depth: int) -> Iterator[tuple[str, Any]]:

@@ -75,7 +75,11 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
         ),
         _row("cycle_rate_hz", summary.cycle_rate_hz),
         Row("cycle time", mean, "mean, to the answer; of a stream, to the next"),
-        Row("cycle time, p50 to max", " · ".join(percentiles), "percentiles 50, 90 and 99, largest, ms"),
+        Row(
+            "cycle time, p50 to max",
+            " · ".join(percentiles) + " ms" * bool(percentiles),
+            "percentiles 50, 90 and 99, largest",
+        ),
         _row("line_floor_s", summary.line_floor_s),
         Row("sensor frames", f"{summary.sensor_frames_received}", lost),
         Row("records dropped", f"{dropped}", "by the recorder: disk too slow or full"),

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from hil_bridge.record.analysis.summary import Summary
-from hil_bridge.record.device_facts import devices_of, recorded_configuration
+from hil_bridge.record.device_facts import device_urls, devices_of, recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
 
@@ -15,16 +15,25 @@ _YEAR_3000_S = 32503680000.0
 
 def reality(recording: Recording) -> str:
     """Return whether robot and sensor were emulated, as `EMULATED`, `REAL` or `PARTLY REAL`; empty if unknown."""
-    urls = _urls(recording)
+    urls = device_urls(recording)
     if urls is None:
         return ""
     return {0: EMULATED, 1: MIXED, 2: REAL}[sum(bool(url) for url in urls)]
 
 
+def run_title(recording: Recording) -> str:
+    """Return the title of a run's page: robot, sensor, and the surface of an emulated cell."""
+    devices = devices_of(recording)
+    robot = devices.robot.model or devices.robot.kind
+    surface = _surface(recording)
+    parts = [robot, devices.sensor.kind, f"{surface} surface" if surface else ""]
+    return " · ".join(filter(None, parts)) or "Force control run"
+
+
 def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str]]:
     """Return names and values for the top of a page."""
     devices, metadata = devices_of(recording), recording.metadata
-    urls = _urls(recording) or ("", "")
+    urls = device_urls(recording) or ("", "")
     robot = devices.robot.model or devices.robot.kind
     facts = devices.sensor.facts
     sensor = " ".join(filter(None, (devices.sensor.kind, facts.model if facts else "")))
@@ -32,22 +41,13 @@ def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str
         "date": _date(recording),
         "host": metadata.get("host", ""),
         "version": _versions(recording),
-        "robot": _device(robot, urls[0], _urls(recording) is not None),
-        "sensor": _device(sensor, urls[1], _urls(recording) is not None),
-        "surface": _surface(recording),
+        "robot": _device(robot, urls[0], device_urls(recording) is not None),
+        "sensor": _device(sensor, urls[1], device_urls(recording) is not None),
+        "surface": f"{surface}, emulated" if (surface := _surface(recording)) else "",
         "controller": summary.controller,
         "seed": summary.seed if reality(recording) != REAL else "",
     }
     return [(name, value) for name, value in named.items() if value]
-
-
-def _urls(recording: Recording) -> tuple[str, str] | None:
-    """Return the URLs of robot and sensor; the URL of an emulated device is empty."""
-    recorded: Any = recorded_configuration(recording)
-    robot, sensor = recorded.get("robot"), recorded.get("sensor")
-    if not isinstance(robot, dict) or not isinstance(sensor, dict) or "url" not in robot:
-        return None
-    return str(robot.get("url") or ""), str(sensor.get("url") or "")
 
 
 def _device(name: str, url: str, known: bool) -> str:
@@ -56,12 +56,13 @@ def _device(name: str, url: str, known: bool) -> str:
 
 
 def _surface(recording: Recording) -> str:
+    """Return the kind of the emulated surface; empty for a real one."""
     cell: Any = recorded_configuration(recording).get("cell")
     if not isinstance(cell, dict) or reality(recording) not in (EMULATED, MIXED):
         return ""
     surface = cell.get("surface")
     kind = cell.get("surface_kind") or (surface.get("kind") if isinstance(surface, dict) else "")
-    return f"{kind}, emulated" if isinstance(kind, str) and kind else ""
+    return kind if isinstance(kind, str) else ""
 
 
 def _date(recording: Recording) -> str:

@@ -1,15 +1,15 @@
 """Report of a run: one self-contained page, and on request its picture as PNG and PDF."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.figures import UNKNOWN, concise
 from hil_bridge.record.analysis.summary import Summary, end_of
-from hil_bridge.record.analysis.why import why_values
-from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.analysis.why import sentence, why_values
+from hil_bridge.record.device_facts import devices_of, is_beyond_run
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.record.reader import Recording
@@ -19,8 +19,8 @@ from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import cell_room, document, room
 from hil_bridge.show.report.bag_page import bag_page
 from hil_bridge.show.report.differences import from_defaults
-from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
-from hil_bridge.show.report.identity import REAL, identity_rows, reality
+from hil_bridge.show.report.figures import NAMED, Row, merit_rows, run_rows
+from hil_bridge.show.report.identity import REAL, identity_rows, reality, run_title
 from hil_bridge.show.report.latency_section import latency_section
 from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows
 from hil_bridge.show.report.sections import controller_section, stability_section
@@ -31,7 +31,6 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """File names of the picture, by the kind of file."""
 EVENTS_MAX = 500
-_TITLE = "Force control run"
 
 
 def write_report(
@@ -72,24 +71,29 @@ def page(recording: Recording, summary: Summary) -> str:
     phases = pairs((name, concise(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_point(recording, summary)}
 {room("run", charts, first=1)}{thinned}
-<div class="columns head"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section>
+<div class="columns head"><section><h2>Figures of merit</h2>{rows(_known(merit_rows(summary)))}</section>
 <section>{pairs(identity_rows(recording, summary), "facts")}</section></div>
 {steps_section(recording, summary)}
 {surface_section(recording)}
-<div class="columns"><section><h2>Run</h2>{rows(run_rows(summary)[len(NAMED) :])}</section>
+<div class="columns"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
 <section><h2>Phases</h2>{phases}{before}</section></div>
 {fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
 {fold(f"<h2>Events</h2>{_events(recording)}")}
 {fold(f"<h2>Settings that are not the defaults</h2>{_settings(recording)}")}
 {fold(_counters(summary, devices_of(recording).robot))}"""
-    return document(f"{_TITLE}, {summary.outcome}", body, cell=bool(recording.cycles))
+    return document(f"{run_title(recording)}, {summary.outcome}", body, cell=bool(recording.cycles))
+
+
+def _known(figures: Iterable[Row]) -> Iterator[Row]:
+    """Yield the figures that have a value."""
+    return (row for row in figures if row.value not in ("", UNKNOWN))
 
 
 def cell_page(recording: Recording, summary: Summary) -> str:
     """Render how the run ended, the cell in three dimensions and the charts, as one HTML file."""
     charts, _ = run_charts(recording)
     return document(
-        f"{_TITLE}, {summary.outcome}",
+        f"{run_title(recording)}, {summary.outcome}",
         f"{_point(recording, summary)}\n{room('run', charts, first=1)}",
         cell=bool(recording.cycles),
     )
@@ -105,7 +109,7 @@ def _head(recording: Recording, summary: Summary) -> str:
     """Render the heading of the run, and how it ended."""
     which = reality(recording)
     parts = [
-        f"<h1>{_TITLE}</h1>",
+        f"<h1>{escape(run_title(recording))}</h1>",
         f"<p>{badge(summary.outcome)}",
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
@@ -118,15 +122,18 @@ def _head(recording: Recording, summary: Summary) -> str:
 
 
 def _reason(recording: Recording, summary: Summary) -> str:
-    """Render why the run ended, in one sentence, and the details folded."""
+    """Render why the run ended, in one sentence, what helps, and the details folded."""
     reason, end = why_values(recording), end_of(recording)
     detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
     left = "" if summary.outcome == Outcome.COMPLETED else end.place or summary.left
-    remedy = "; `hil-bridge free` lifts it off" if end.place and end.retracted is False else ""
+    lift = end.place and end.retracted is False and is_beyond_run(recording)
     parts = [
         f'<p class="point">{prose(reason.point)}</p>',
-        *(f"<p>Then: {prose(text)}</p>" for text in summary.followed),
-        f"<p>Tool: <strong>{prose(left + remedy)}</strong></p>" if left else "",
+        f"<p>{prose(sentence(reason.remedy))}</p>" if reason.remedy else "",
+        *(f"<p>Then: {prose(text)}.</p>" for text in reason.followed),
+        f"<p>Tool: <strong>{prose(left + '; `hil-bridge free` lifts it off' * bool(lift))}</strong></p>"
+        if left
+        else "",
         detail if reason.fact else "",
     ]
     return "\n".join(filter(None, parts))

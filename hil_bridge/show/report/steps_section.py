@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from html import escape
 
+from hil_bridge.errors.rounding import three_digits
 from hil_bridge.record.analysis.figures import concise, quantity
 from hil_bridge.record.analysis.steps import CUT, StepOutcome
 from hil_bridge.record.analysis.summary import Summary
@@ -59,13 +60,15 @@ def _line(step: StepOutcome) -> tuple[str, ...]:
     position = ""
     if step.found_mm is not None:
         position = f"{step.name}: " + " ".join(quantity(part, 1, ".2f", "") for part in step.found_mm) + " mm"
+    required = step.wanted
+    bounds = [] if required is None else [100 * required]
     return (
         step.label,
         concise(step.seconds, 1, ".1f", "s"),
         concise(step.way_mm, 1, ".1f", "mm") if step.way_mm else "",
         "" if step.force_mean_n is None else concise(step.force_mean_n, 1, ".2f", "N"),
-        "" if step.within is None else concise(step.within, 100, ".1f", "%"),
-        "" if step.wanted is None else concise(step.wanted, 100, "g", "%"),
+        "" if step.within is None else f"{three_digits(100 * step.within, bounds)} %",
+        "" if required is None else concise(required, 100, "g", "%"),
         _outcome(step),
         position,
     )

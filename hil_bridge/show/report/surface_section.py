@@ -33,7 +33,7 @@ def surface_section(recording: Recording) -> str:
     if touched := [tilt for truth, tilt in tilts if touches(truth)]:
         rms = float(np.sqrt(np.mean(np.square(touched))))
         sentences.append(
-            f"In contact, its axis was {rms:.2f}° RMS from the normal, at most {max(touched):.2f}°."
+            f"In contact, the tool's axis was {rms:.2f}° RMS from the normal, at most {max(touched):.2f}°."
         )
     sentences += deflection
     verdict = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""

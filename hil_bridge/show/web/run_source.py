@@ -1,5 +1,6 @@
 """Page updates of a run. A live run is a growing recording, so live runs and recordings use the same messages."""
 
+import dataclasses
 import math
 import time
 from bisect import bisect_right
@@ -276,6 +277,9 @@ class RunSource:
         if self._length_s is not None:
             frame = _newest(history.sensors, until)
             health = Health(sensor_at=None if frame is None else frame.at)
+        elif health.sensor_at is not None and silent_s <= SILENT_S:
+            # the age at the pulse, which is the newest known
+            health = dataclasses.replace(health, sensor_at=health.sensor_at + silent_s)
         snapshot = history.model(self._begin.scene, self._began or 0.0, until).snapshot(now, health)
         zero, pulse = _newest(history.zeros, until), self._pulse
         update = now_values(snapshot) | {

@@ -88,6 +88,10 @@ TRAILER_NOTICE_S = 60.0
 _QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
 
 
+def _format_age(seconds: float) -> str:
+    return f"{seconds:.1f} s before" if seconds >= 0.05 else "at that moment"
+
+
 class S3Link:
     """Client of the S3 controller's computer link; see `hil_bridge.devices.robots.seam.RobotLink`.
 
@@ -186,13 +190,15 @@ class S3Link:
     def _reported(self, status: Status) -> RobotReport:
         self._reports += 1
         now = self._answered_at
+        fault, remedy = self._fault(status)
         return RobotReport(
             self._reports,
             Pose(status.position, status.quaternion),
             now - self._answer_time,
             now,
-            self.fault(status),
+            fault,
             ((QUESTION_LEFT, self.transmitted_at),),
+            remedy=remedy,
         )
 
     @overload
@@ -293,20 +299,21 @@ class S3Link:
             text = f"robot on {self.name} sent an invalid answer: {error}"
             raise DeviceError(text, cause=Cause.ROBOT_FAILED) from error
 
-    def fault(self, status: Status) -> str:
-        """Describe the flags of a status that prevent motion, with the cause if it is known. Return "" if there are
-        none.
+    def _fault(self, status: Status) -> tuple[str, str]:
+        """Describe the flags of a status that prevent motion, and what helps, with the robot's recent messages. Return
+        empty texts if there are none.
         """
         if stop := describe_stop(status, self.profile.check_flags):
-            facts = (*stop, *self._recent_messages(self._clock.now()))
-            return f"robot on {self.name} cannot move; its status is now: {'; '.join(facts)}"
+            states, remedy = stop
+            messages = self._recent_messages(self._clock.now())
+            return f"the robot cannot move: {states}", "; ".join([remedy, *messages])
         fault = orientation_fault(status.quaternion)
-        return fault and f"robot on {self.name} reports {fault}"
+        return fault and f"robot on {self.name} reports {fault}", ""
 
     def _recent_messages(self, now: float) -> list[str]:
         """Return descriptions of recent unsolicited messages of the robot."""
         return [
-            f"message {now - at:.1f} s before: {text}"
+            f"it reported {text}, {_format_age(now - at)}"
             for at, text in self._messages
             if 0.0 <= now - at <= MESSAGE_AGE_S
         ]
@@ -416,7 +423,7 @@ class S3Link:
             self._log.notice(EventKind.LINK, text)
 
     def _refused(self, order: Telegram, refusal: Refusal) -> OrderRefused:
-        text = f"robot on {self.name} refused order {order.function}: {refusal.code} {refusal.text}"
+        text = f"the robot refused order {order.function}: {refusal.code} {refusal.text}"
         remedy = refusal_remedy(refusal.code)
         return OrderRefused(text, refusal.code, remedy=remedy)
 

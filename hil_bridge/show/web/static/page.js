@@ -3,7 +3,7 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, KEEP_ROWS = 6000, ROUNDED = 1e-4;
+  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, STILL_S = 1, KEEP_ROWS = 6000, ROUNDED = 1e-4;
   const OUTCOMES = {completed: ["completed", ""], stopped: ["stopped", "alarm"], interrupted: ["ended by the operator", "caution"], gone: ["lost", "alarm"]};
   let charts = null, cell = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
   let end = null, said = [];   // how the run ended, if the page shows its end; sentences with which the page begins
@@ -161,7 +161,7 @@
     $("link").className = "";
     $("end").hidden = true;
     panel.close();
-    if (!playback) { over = true; charts.follow(null); for (const id of ["cut", "silent", "said"]) bar(id, "", ""); }
+    if (!playback) { over = true; charts.follow(null); for (const id of ["cut", "silent", "said", "still"]) bar(id, "", ""); }
   }
 
   const panel = HilPanel.draw($("robot-panel"), token);
@@ -183,7 +183,10 @@
     if (update.events) events(update.events, update.events_whole);
     if (now) {
       numbers(now);
+      const last = charts.sources.cycle?.x.at(-1), still = !playback && now.phase === "retract" && now.elapsed_s - last > STILL_S;
+      document.body.classList.toggle("still", still);
       bar("cause", update.end ? "" : sentence(now.cause), "");
+      bar("still", still && !update.end ? `This retraction has no cycles: values and picture are those of the last cycle, at ${fixed(last, 1, "s")}.` : "", "");
       bar("warning", now.warning, "Warning:");
       bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
       cell.show(update.at === undefined ? null : update.at);
@@ -205,11 +208,10 @@
     socket.onmessage = event => take(JSON.parse(event.data));
     socket.onclose = event => {
       $("end").disabled = true;
-      if (!over) {
-        set($("link"), "no connection"); $("link").className = "lost";
-        document.body.classList.add("old");
-        bar("cut", `Trying to connect${event.reason ? ` (${event.reason})` : ""} …${scene ? " The values below are old." : ""}`, "");
-      }
+      if (over) return;   // the server has ended with the run
+      set($("link"), "no connection"); $("link").className = "lost";
+      document.body.classList.add("old");
+      bar("cut", `Trying to connect${event.reason ? ` (${event.reason})` : ""} …${scene ? " The values below are old." : ""}`, "");
       tries += 1;
       setTimeout(connect, Math.min(5000, 300 * 1.6 ** Math.min(tries, 8)));
     };

@@ -130,7 +130,7 @@ window.HilPanel = (() => {
         rows.forEach(([name, text], k) => {
           let dt = state.children[2 * k], dd = state.children[2 * k + 1];
           if (!dd) { dt = make("dt"); dd = make("dd"); state.append(dt, dd); }
-          const said = text.replace(/ {2,}/g, "  ").trim();
+          const said = text.replace(/ {2,}/g, "  ").replace(/(^|\s)-(?=\d)/g, "$1−").trim();
           if (dt.textContent !== name) dt.textContent = name;
           if (dd.textContent !== said) dd.textContent = said;
           dd.className = /^not possible|EMERGENCY|emergency/.test(said) ? "bad" : "";
