@@ -77,6 +77,27 @@ def test_summary_counts_tests_and_failed_run_is_saved(pytester: pytest.Pytester)
     )
 
 
+def test_order_of_callbacks_is_drawn_by_option(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        test_mine="""
+        from hil_bridge.clock import Clock, run_virtual
+
+        def test_order():
+            async def main():
+                clock, names = Clock.running(), []
+                for name in "abcdef":
+                    clock.call_at(clock.now() + 1.0, lambda name=name: names.append(name))
+                await clock.sleep_until(clock.now() + 2.0)
+                return "".join(names)
+
+            assert run_virtual(main) == "abcdef"
+        """
+    )
+    assert pytester.runpytest_inprocess(*PLUGIN, "-q").parseoutcomes() == {"passed": 1}
+    assert pytester.runpytest_inprocess(*PLUGIN, "-q", "--hil-order", "7").parseoutcomes() == {"failed": 1}
+    assert pytester.runpytest_inprocess(*PLUGIN, "-q").parseoutcomes() == {"passed": 1}
+
+
 def test_fixture_from_parameter_or_conftest_is_used(pytester: pytest.Pytester) -> None:
     body = MINE.partition("@pytest.fixture")[0]
     pytester.makepyfile(
