@@ -10,7 +10,8 @@ from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.junit import RECORDING, REQUIREMENT, JunitCase, Verdict, attachment, encode_junit
 from hil_bridge.lab.text_tables import aligned, markdown_table
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.figures import FIGURES
 
 FAILING_MOST = 30
 """Maximum number of failed runs listed in a text. Chosen: nobody reads more."""

@@ -7,7 +7,8 @@ from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
 from hil_bridge.lab.text_tables import aligned
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.report.markup import across, cells, fold
 

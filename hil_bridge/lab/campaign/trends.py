@@ -20,7 +20,8 @@ from hil_bridge.lab.campaign.comparison import SettingChange, setting_changes
 from hil_bridge.lab.campaign.digest import NUMBERS, Tally, facts_of, runs_by_cell, tally_of, values_of
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, rank_sum
-from hil_bridge.record.analysis.figures import FIGURES, Good
+from hil_bridge.record.analysis.definition import Good
+from hil_bridge.record.analysis.figures import FIGURES
 
 RESULTS_MOST = 50
 """Maximum number of results compared at once. Chosen: one year of weekly results."""
