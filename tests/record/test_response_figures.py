@@ -153,3 +153,20 @@ def test_peak_between_cycles_is_in_frames(recordings: Recordings) -> None:
     rows = {row.label: row.value for row in response_rows(summarise(recording, RunEnd(Outcome.COMPLETED)))}
     assert rows["peak of the touch"] == f"{peak:.1f} N"
     assert "disturbance peak" not in rows
+
+
+def test_sine_of_hold_is_target_of_every_cycle(recordings: Recordings) -> None:
+    hold = {"do": "hold", "for_s": 18.0, "force_n": 10.0, "sine_n": 2.0, "sine_hz": 0.25}
+    steps = [{"do": "approach", "at_most_mm": 4.0}, hold, {"do": "retract", "back_mm": 2.0}]
+    recording = recordings({"task": {"step": steps}, "cell": {"start_position_mm": [900.0, -100.0, 591.5]}})
+    (step,) = (record for record in recording.steps if record.word == "hold")
+    sines = [cycle for cycle in recording.cycles if cycle.phase == "track" and cycle.step == step.step]
+    assert len(sines) > 90
+    for cycle in sines:
+        target = 10.0 + 2.0 * math.sin(math.tau * 0.25 * (cycle.sample.now - step.began_at))
+        assert cycle.force_reference == pytest.approx(target, abs=1e-9)
+    gain, phase = (figures_of(recording)[key] for key in ("sine_gain", "sine_phase_deg"))
+    assert gain is not None
+    assert phase is not None
+    assert 0.5 < gain < 1.2
+    assert -90.0 < phase < 0.0
