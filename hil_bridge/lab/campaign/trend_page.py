@@ -7,7 +7,7 @@ from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
 from hil_bridge.lab.text_tables import aligned
-from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN, Definition, quantity
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.report.markup import across, cells, fold
@@ -71,7 +71,8 @@ its probability, adjusted after Holm for the number of tests, is below {trend.le
 {_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
 <h2>Course over the results</h2>{room("trend", trend_charts(trend))}
 <h2>Figures that differ</h2>
-<p class="quiet">Medians of each cell, the most significant first; Mann-Whitney test.</p>
+<p class="quiet">Medians of each cell, the most significant first, with their intervals of 95 %,
+or the range of fewer than six runs; Mann-Whitney test.</p>
 {_figure_table(trend, names)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
@@ -96,9 +97,17 @@ def _cell_row(row: CellChange) -> tuple[str, ...]:
 
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
     definition = FIGURES[row.figure]
-    medians = (definition.text(value) for value in row.medians)
+    medians = (_median_text(definition, *pair) for pair in zip(row.medians, row.intervals, strict=True))
     test = _probability(row.probability), _probability(row.adjusted), row.change.value
     return definition.words, row.cell, *medians, *test
+
+
+def _median_text(definition: Definition, median: float | None, interval: tuple[float, float] | None) -> str:
+    """Format a median with its interval."""
+    if interval is None or interval[0] == interval[1]:
+        return definition.text(median)
+    low, high = (quantity(value, definition.scale, definition.form, "") for value in interval)
+    return f"{definition.text(median)} ({low} … {high})"
 
 
 def _probability(value: float | None) -> str:
