@@ -113,11 +113,11 @@ def test_changes_shorter_than_hold_are_no_steps():
 
 def test_smallest_step_shows_with_all_larger_ones():
     levels = [10.0, *(10.0 + size for size in (0.1, 0.5, 1.0) for size in (size, 0.0, size, 0.0))]
-    shown = stairs(*levels)
-    assert step_figures(list(target_steps(shown)))["smallest_step_n"] == pytest.approx(0.1)
-    hidden = shown.force.copy()
+    followed = stairs(*levels)
+    assert step_figures(list(target_steps(followed)))["smallest_step_n"] == pytest.approx(0.1)
+    hidden = followed.force.copy()
     hidden[np.abs(hidden - 10.0) < 0.3] = 10.0  # the steps of 0.1 N have no effect
-    figures = step_figures(list(target_steps(shown._replace(force=hidden))))
+    figures = step_figures(list(target_steps(followed._replace(force=hidden))))
     assert figures["smallest_step_n"] == pytest.approx(0.5)
     weak = step_figures(list(target_steps(stairs(*levels, gain=0.4))))
     assert weak["smallest_step_n"] == math.inf

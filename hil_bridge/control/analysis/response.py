@@ -21,7 +21,7 @@ WIDE_BAND_N = 10.0
 """Fixed band of the settled force, N. Derived: reproduces the settling times of Gadringer et al. 2022."""
 HELD_S = 2.0
 """Shortest time for which a target must be constant before and after a step, s. Chosen."""
-SHOWN_SHARE = 0.5
+FOLLOWED_SHARE = 0.5
 """Share of a step that the mean force must follow for the step to show. Chosen."""
 REPEATS_LEAST = 3
 """Smallest number of equal steps from which to judge whether they show. Chosen."""
@@ -155,7 +155,7 @@ def _late_mean(signal: ForceSignal) -> float:
 def _smallest_step_n(steps: list[TargetStep]) -> float | None:
     """Return the smallest step that shows, such that all larger ones show too.
 
-    Equal steps show if the mean of their responses is at least SHOWN_SHARE of the step, and at least three standard
+    Equal steps show if the mean of their responses is at least FOLLOWED_SHARE of the step, and at least three standard
     errors of that mean above 0. Infinity if the largest step does not show; None without repeated steps.
     """
     sizes = sorted(steps, key=lambda step: abs(step.size), reverse=True)
@@ -167,7 +167,7 @@ def _smallest_step_n(steps: list[TargetStep]) -> float | None:
     repeated = [(size, values) for size, values in groups if len(values) >= REPEATS_LEAST]
     for size, values in repeated:
         mean, error = np.mean(values), np.std(values, ddof=1) / math.sqrt(len(values))
-        if not (mean >= SHOWN_SHARE * size and mean >= 3.0 * error):
+        if not (mean >= FOLLOWED_SHARE * size and mean >= 3.0 * error):
             break
         smallest = size
     return smallest if repeated else None

@@ -26,20 +26,22 @@ from hil_bridge.control.analysis.response import (
     target_steps,
     touch_figures,
 )
+from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.record.analysis.figures import RESPONSE
 from hil_bridge.record.analysis.stream import approach_of, stream_of
-from hil_bridge.record.foreign import CONTACT_N
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord, FaultNote
 from protocol.faults import FaultStage
 
+TOUCH_N = TaskParameters().contact_threshold_n
+"""Force at which a touch begins, N: the default contact threshold, so that runs compare."""
 TOUCH_S = 3.0
 """Time after the touch that counts as the touch, s. Standard: the contact window of Gadringer et al. 2022."""
 SPEED_S = 0.1
 """Time before the touch over which its speed is measured, s. Chosen."""
 DRIFT_S, DRIFT_AFTER_S = 60.0, 10.0
 """Shortest interval with a constant target that has a drift, and the time at its begin that is left out, s. Chosen."""
-_SWINGS = "swings"
+_OSCILLATES = "swings"
 """Name of the fault that moves a surface up and down."""
 
 
@@ -86,7 +88,7 @@ def _signal(recording: Recording, cycles: Sequence[CycleRecord]) -> ForceSignal:
     newest = np.searchsorted([cycle.controlled_at for cycle in cycles], at, side="right") - 1
     target = np.array([cycle.force_reference for cycle in cycles])[np.maximum(newest, 0)]
     signal = ForceSignal(at, force, target).between(began, ended)
-    (touching,) = np.nonzero(signal.force > CONTACT_N)
+    (touching,) = np.nonzero(signal.force > TOUCH_N)
     first = int(touching[0]) if touching.size else signal.at.size
     return ForceSignal(*(array[first:] for array in signal))
 
@@ -151,8 +153,8 @@ def _disturbance_figures(
         peaks.append(float(np.abs(moved.error).max()))
         settlings.append(settling_s(moved, band_n))
         means.append(float(late.error.mean()))
-        if one.note.name == _SWINGS:
-            stiffnesses += _swing_n_mm(signal, one)
+        if one.note.name == _OSCILLATES:
+            stiffnesses += _force_per_motion(signal, one)
     return {
         "disturbance_peak_n": max(peaks, default=None),
         "disturbance_settle_s": max(settlings, default=None),
@@ -161,14 +163,14 @@ def _disturbance_figures(
     }
 
 
-def _swing_n_mm(signal: ForceSignal, swing: Disturbance) -> Iterator[float]:
+def _force_per_motion(signal: ForceSignal, one: Disturbance) -> Iterator[float]:
     """Yield the amplitude of the force per amplitude of the surface, N/mm, if there are at least three periods. The
     first one is left out.
     """
-    period_s, size_mm = swing.note.values["period_s"], swing.note.values["mm"]
-    periods = math.floor((swing.end - swing.begin) / period_s)
+    period_s, size_mm = one.note.values["period_s"], one.note.values["mm"]
+    periods = math.floor((one.end - one.begin) / period_s)
     if periods >= 3 and size_mm > 0.0:
-        late = signal.between(swing.begin + period_s, swing.begin + periods * period_s)
+        late = signal.between(one.begin + period_s, one.begin + periods * period_s)
         yield amplitude_n(late, period_s) / size_mm
 
 
