@@ -74,11 +74,29 @@ def test_short_contact_has_no_touch_figures() -> None:
     assert figures["touch_speed_mm_s"] == pytest.approx(4.0)
 
 
+def test_recording_that_begins_in_contact_has_no_speed() -> None:
+    (first, *_), cycles = pressed(lambda since: 10.0, 0.0), pressed(lambda since: 10.0, 8.0)[TOUCH + 1 :]
+    figures = figures_of(Recording(cycles))
+    assert figures["touch_speed_mm_s"] is None
+    assert figures["settle_s"] == 0.0
+    assert figures_of(Recording((first, *cycles)))["touch_speed_mm_s"] is None
+    assert figures_of(Recording(cycles[:1]))["track_error_mean_n"] is None
+
+
+def test_fault_at_end_of_tracking_has_no_figures() -> None:
+    cycles = pressed(lambda since: 10.0, 8.0)
+    begun = fault(8.0 - PERIOD / 4, FaultStage.BEGINS)
+    ended = fault(8.0 - PERIOD / 8, FaultStage.ENDS)
+    assert figures_of(Recording(cycles, events=(begun, ended)))["disturbance_peak_n"] is None
+
+
 def test_recording_without_stroke_has_no_response() -> None:
     approach = pressed(lambda since: 0.0, 0.0)
     assert figures_of(Recording(approach)) == {}
     nothing = figures_of(Recording(pressed(lambda since: 0.0, 8.0)))
     assert set(nothing.values()) == {None}
+    untargeted = figures_of(Recording(pressed(lambda since: 10.0, 8.0, lambda since: math.nan)))
+    assert set(untargeted.values()) == {None}
 
 
 def fault(at: float, stage: FaultStage, name: str = "step", **values: float) -> EventRecord:

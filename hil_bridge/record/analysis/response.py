@@ -62,8 +62,8 @@ def response_figures(
     if not strokes:
         return {}
     cycles = [cycle for cycle in strokes[0] if math.isfinite(cycle.force_reference)]
-    signal = _signal(recording, cycles)
-    if not signal.at.size:
+    signal = _signal(recording, cycles) if cycles else None
+    if signal is None or not signal.at.size:
         return dict.fromkeys((one.key for one in RESPONSE), None)
     begin, end = float(signal.at[0]), float(signal.at[-1])
     figures: dict[str, float | None] = {"touch_speed_mm_s": _touch_speed_mm_s(recording, begin)}
@@ -99,8 +99,10 @@ def _touch_speed_mm_s(recording: Recording, touch: float) -> float | None:
     """
     reports = [(cycle.started_at, cycle.depth) for cycle in recording.cycles if cycle.started_at < touch]
     recent = sum(at >= touch - SPEED_S for at, _ in reports)
-    at, depth = np.array(reports[-max(recent, 2) :]).reshape(-1, 2).T
-    return slope_per_min(at, depth) / 60.0 * 1e3 if np.ptp(at) > 0.0 else None
+    if len(reports) < 2 or reports[-1][0] == reports[-2][0]:
+        return None
+    at, depth = np.array(reports[-max(recent, 2) :]).T
+    return slope_per_min(at, depth) / 60.0 * 1e3
 
 
 def _target_figures(cycles: Sequence[CycleRecord]) -> Mapping[str, float | None]:
@@ -146,10 +148,10 @@ def _disturbance_figures(
     stiffnesses: list[float] = []
     for one in disturbances:
         moved = signal.between(one.begin, one.end)
-        if not moved.at.size:
+        late = moved.between((one.begin + one.end) / 2, one.end)
+        if not late.at.size:
             continue
         band_n = max(BAND_LEAST_N, BAND_SHARE * float(moved.target[0]))
-        late = signal.between((one.begin + one.end) / 2, one.end)
         peaks.append(float(np.abs(moved.error).max()))
         settlings.append(settling_s(moved, band_n))
         means.append(float(late.error.mean()))
