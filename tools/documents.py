@@ -34,6 +34,7 @@ class Document(NamedTuple):
 
 
 DOCUMENTS: Mapping[str, Document] = {
+    "benchmark": Document("benchmark_doc", "reference/benchmark.md", "reference/benchmark.json"),
     "bound": Document("bound_doc", "explanation/safety.md", "explanation/bound.json"),
     "computer-link": Document("computer_link_doc", "reference/computer-link.md"),
     "faults": Document("faults_doc", "reference/faults.md", "reference/faults.json"),

@@ -84,6 +84,22 @@ def _rank_sum_counts(ranks: Sequence[int], size: int) -> "np.ndarray[tuple[int],
     return of_size
 
 
+def median_interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Return the confidence interval of the median of ascending values, without an assumption on their distribution.
+
+    The bounds are the k-th values from both ends, for the largest k with a confidence of at least 1 − LEVEL. Fewer
+    than six values do not have that confidence; the interval is then their range. None without values.
+    """
+    count = len(values)
+    if not count:
+        return None
+    outside, k = 2.0 * 0.5**count, 1
+    while k < count / 2 and outside + 2.0 * math.comb(count, k) * 0.5**count <= LEVEL:
+        outside += 2.0 * math.comb(count, k) * 0.5**count
+        k += 1
+    return values[k - 1], values[-k]
+
+
 def holm(probabilities: Sequence[float]) -> list[float]:
     """Adjust probabilities for their number by Holm's method.
 

@@ -27,7 +27,7 @@ from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import Cause, ConfigError, DeviceError, SafetyStop
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.definition import concise
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.axis_evidence import AxisEvidence, lever_of
 from hil_bridge.runs.pace import metres

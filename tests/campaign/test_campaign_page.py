@@ -108,7 +108,10 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     assert f"Python {python_version()}" in text
     assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
     assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, bound
-    assert "<td>largest true force</td><td>task.force_n 8.0</td><td>4</td>" in text
+    assert "<td>largest true force</td><td>task.force_n 8.0</td><td>2</td>" in text
+    assert (
+        "<td>largest true force</td><td>task.force_n 8.0; robot: emergency-stop track</td><td>2</td>" in text
+    )
     assert '<td class="pass">2/2</td>' in text
     assert '<td class="fail">0/2</td>' in text
     assert text.count("<article>") == 4

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import statistics
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -94,9 +95,13 @@ def test_campaign_json_has_documented_keys(short_results: Path) -> None:
         run.key for run in _runs(short_results) if not run.passed
     }
     force = [one for one in output["figures"] if one["figure"] == "force_true_max_n"]
-    assert [one["cell"] for one in force] == ["task.force_n 8.0", "task.force_n 10.0"]
-    largest = max(run.figures["force_true_max_n"] for run in _runs(short_results) if run.number < 2)
-    assert force[0]["largest"] == largest
+    stop = "robot: emergency-stop track"
+    assert [one["cell"] for one in force] == [
+        f"task.force_n {force_n}{fault}" for force_n in (8.0, 10.0) for fault in ("", f"; {stop}")
+    ]
+    values = [run.figures["force_true_max_n"] for run in _runs(short_results) if run.number == 0]
+    assert (force[0]["largest"], force[0]["mean"]) == (max(values), statistics.fmean(values))
+    assert force[0]["deviation"] == pytest.approx(statistics.stdev(values))
 
 
 def _runs(results: Path) -> list[Any]:

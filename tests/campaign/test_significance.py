@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from hil_bridge.lab import significance
-from hil_bridge.lab.significance import fisher_exact, holm, rank_sum
+from hil_bridge.lab.significance import fisher_exact, holm, median_interval, rank_sum
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -75,3 +75,16 @@ def test_holm_adjustment_keeps_order() -> None:
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert holm([0.6, 0.5]) == [1.0, 1.0]
     assert holm([]) == []
+
+
+@pytest.mark.parametrize("count", range(6, 60))
+def test_median_interval_has_largest_rank_of_confidence(count: int) -> None:
+    low, high = median_interval(range(1, count + 1)) or (0, 0)
+    assert low + high == count + 1
+    assert 2.0 * stats.binom.cdf(low - 1, count, 0.5) <= 0.05 < 2.0 * stats.binom.cdf(low, count, 0.5)
+
+
+def test_median_interval_of_few_values_is_their_range() -> None:
+    assert median_interval([]) is None
+    assert median_interval([3.0]) == (3.0, 3.0)
+    assert median_interval([1.0, 2.0, 3.0, 4.0, math.inf]) == (1.0, math.inf)

@@ -82,7 +82,8 @@ def test_compare_json_has_figures_and_settings(stopped: Path, recordings: Record
     values = json_of("compare", stopped, other)
     for name, path in (("stopped", stopped), ("other", other)):
         summary = summarise(read(path))
-        assert values["runs"][name] == {"outcome": summary.outcome, **summary.figures, **summary.contact}
+        figures = {**summary.figures, **summary.response, **summary.contact}
+        assert values["runs"][name] == {"outcome": summary.outcome, **figures}
     assert values["settings"]["task.force_n"] == {"stopped": "10.0", "other": "8.0"}
     assert not Path("compare.html").exists()
 

@@ -278,6 +278,32 @@ def test_leg_force_at_its_limit_is_refused():
     assert message == "task.step 2 (track): force_n of 30 N must be below its force limit of 30 N"
 
 
+@pytest.mark.parametrize(
+    ("sine_n", "message"),
+    [
+        (9.0, "force_n of 10 N with a sine of 9 N must be above task.contact_threshold_n of 1 N: "),
+        (5.0, "force_n of 10 N with a sine of 5 N must be below its force limit of 15 N"),
+    ],
+)
+def test_sine_beyond_allowed_forces_is_refused(sine_n, message):
+    hold = Hold(for_s=1.0, force_n=10.0, sine_n=sine_n, sine_hz=1.0, limits=StepLimits(force_limit_n=15.0))
+    assert message in refused(Approach(), hold, Retract())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"sine_n": 2.0}, "sine_hz must be above 0 if sine_n is set"),
+        ({"sine_hz": 2.0}, "sine_n must be above 0 if sine_hz is set"),
+        ({"sine_n": -1.0, "sine_hz": 1.0}, "sine_n must be a number of at least 0, got -1"),
+        ({"sine_n": 1.0, "sine_hz": math.inf}, "sine_hz must be a number of at least 0, got inf"),
+    ],
+)
+def test_invalid_sine_of_hold_is_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        Hold(for_s=1.0, **settings)
+
+
 def test_free_step_may_have_lower_force_limit():
     tight = StepLimits(force_limit_n=5.0)
     row = row_of(Zero(limits=tight), Move(to_mm=(1.0, 1.0), limits=tight), Retract(limits=tight))

@@ -26,7 +26,7 @@ from hil_bridge.control.analysis.stability import (
 from hil_bridge.devices.facts import Devices, RobotFacts, Sensor, ServoFacts
 from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd
-from hil_bridge.record.analysis.figures import quantity
+from hil_bridge.record.analysis.definition import quantity
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.decision_tables import decisions, strongest_rules

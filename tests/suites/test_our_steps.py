@@ -31,6 +31,7 @@ STEPS = {
     "track, yielding": Track(path=CORNERS, across="compliant", lateral_limit_n=15.0, feed_error_n=4.0),
     "track, normal": Track(path=CORNERS, force_n=((0.0, 8.0), (12.0, 12.0)), orientation="normal"),
     "hold": Hold(for_s=3.0, name="place", criterion=Criterion(within_n=2.0)),
+    "hold, sine": Hold(for_s=3.0, force_n=10.0, sine_n=2.0, sine_hz=1.0),
     "seek": Seek(direction_deg=30.0, at_most_mm=8.0),
     "seek, edge": Seek(direction_deg=0.0, until="edge", at_most_mm=8.0),
     "retract": Retract(back_mm=5.0),

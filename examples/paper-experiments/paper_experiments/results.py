@@ -10,7 +10,8 @@ from hil_bridge.control import FiguresOfMerit
 from hil_bridge.lab.drawing import Panel
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.lab.text_tables import markdown_table
-from hil_bridge.record.analysis.figures import UNKNOWN, title_of
+from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.figures import title_of
 from hil_bridge.record.export.tables import as_csv
 
 Value: TypeAlias = str | int | float | None

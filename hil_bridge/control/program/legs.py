@@ -115,15 +115,16 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
     path = step.make_way(place)
     parameters = _parameters(ground.stroke.parameters, step)
     profile = _profile(step, parameters, path)
+    sine = f" with a sine of {step.sine_n:g} N" if step.sine_n else ""
     for newton in (force for _, force in profile if step.controls):
-        if newton <= parameters.contact_threshold_n:
+        if newton - step.sine_n <= parameters.contact_threshold_n:
             raise ValueError(
-                f"force_n of {newton:g} N must be above task.contact_threshold_n of "
+                f"force_n of {newton:g} N{sine} must be above task.contact_threshold_n of "
                 f"{parameters.contact_threshold_n:g} N: with less, the tool is not in contact"
             )
-        if newton >= tight.force_limit_n:
+        if newton + step.sine_n >= tight.force_limit_n:
             raise ValueError(
-                f"force_n of {newton:g} N must be below its force limit of {tight.force_limit_n:g} N"
+                f"force_n of {newton:g} N{sine} must be below its force limit of {tight.force_limit_n:g} N"
             )
     if not step.watches_way:
         tight = replace(tight, against_travel_n=tight.resultant_limit_n)

@@ -163,6 +163,11 @@ class Step(Generic[M]):
         return None
 
     @property
+    def sine_n(self) -> float:
+        """Amplitude by which the force oscillates about `force_n`, N."""
+        return 0.0
+
+    @property
     def speed_mm_s(self) -> float | None:
         return None
 

@@ -11,11 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from msgspec import Struct
 
 from hil_bridge.lab.campaign.criteria import Unmet, unmet_of, value_text
-from hil_bridge.lab.campaign.plan import Plan
+from hil_bridge.lab.campaign.plan import NO_FAULT, Case, Plan
 from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import JUDGED, WORDS
 
+CASES_LISTED = 100
+"""Maximum number of cases for which figures are listed by fault, and not only by cell. Chosen: a readable table."""
 NUMBERS = tuple(key for key in JUDGED if key not in WORDS)
 """Names of the figures of a run that are numbers."""
 
@@ -65,12 +67,13 @@ class CriterionResult(Struct, frozen=True):
 
 
 class FigureResult(Struct, frozen=True):
-    """Distribution of a figure in one cell of the matrix. Smallest, median and largest value are None if no run has
-    a finite value.
+    """Distribution of a figure in one cell of the matrix. The values are None if no run has a finite value, and the
+    deviation also if only one run has.
     """
 
     figure: str
     cell: str
+    """Label of the cell; with the fault if the campaign lists several."""
     runs: int
     """Number of runs that have the figure."""
     endless: int
@@ -78,6 +81,9 @@ class FigureResult(Struct, frozen=True):
     least: float | None
     median: float | None
     largest: float | None
+    mean: float | None
+    deviation: float | None
+    """Standard deviation of the runs."""
 
 
 class FailedRun(Struct, frozen=True):
@@ -192,14 +198,36 @@ def criterion_results(plan: Plan, runs: Sequence[Done]) -> Iterator[CriterionRes
 
 
 def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
-    """Yield every figure that any run has, cell by cell."""
-    by_cell = runs_by_cell(plan, runs)
+    """Yield every figure that any run has, case by case."""
+    by_case = runs_by_case(plan, runs)
     for key in NUMBERS:
-        for cell, of_cell in by_cell.items():
-            if values := values_of(key, of_cell):
+        for case, of_case in by_case.items():
+            if values := values_of(key, of_case):
                 known = [value for value in values if math.isfinite(value)]
-                spread = (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
-                yield FigureResult(key, cell, len(values), len(values) - len(known), *spread)
+                spread = _spread(known) if known else (None,) * 5
+                yield FigureResult(key, case, len(values), len(values) - len(known), *spread)
+
+
+def _spread(values: Sequence[float]) -> tuple[float | None, ...]:
+    """Return least, median, largest, mean and standard deviation of values in ascending order."""
+    deviation = statistics.stdev(values) if len(values) > 1 else None
+    return values[0], statistics.median(values), values[-1], statistics.fmean(values), deviation
+
+
+def runs_by_case(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
+    """Group runs by cell and fault, in the order of the plan; only by cell if the plan has one fault or very many
+    cases.
+    """
+    if len({(case.fault, case.phase) for case in plan.cases}) == 1 or len(plan.cases) > CASES_LISTED:
+        return runs_by_cell(plan, runs)
+    by_case: dict[str, list[Done]] = {_case_label(case): [] for case in plan.cases}
+    for run in runs:
+        by_case[_case_label(plan.cases[run.number])].append(run)
+    return {label: of_case for label, of_case in by_case.items() if of_case}
+
+
+def _case_label(case: Case) -> str:
+    return case.cell if case.fault == NO_FAULT else f"{case.cell}; {case.fault} {case.phase}".rstrip()
 
 
 def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:

@@ -161,7 +161,8 @@ def _measure(observed: _Observation, running: Simulation) -> RunFigures:
         figures["duration_s"] = result.events[-1].at - result.events[0].at
     if result.cycles:
         summary = summarise(result.recording)
-        figures |= {name: None if v is None or v != v else v for name, v in summary.figures.items()}
+        values = {**summary.figures, **summary.response}
+        figures |= {name: None if v is None or v != v else v for name, v in values.items()}
         figures["steps_failed"] = len(summary.criteria_failed)
     return RunFigures(figures, str(observed.error) if refused else result.text, result)
 

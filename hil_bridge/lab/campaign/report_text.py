@@ -10,7 +10,8 @@ from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.junit import RECORDING, REQUIREMENT, JunitCase, Verdict, attachment, encode_junit
 from hil_bridge.lab.text_tables import aligned, markdown_table
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.figures import FIGURES
 
 FAILING_MOST = 30
 """Maximum number of failed runs listed in a text. Chosen: nobody reads more."""
@@ -95,13 +96,15 @@ def criteria_section(criteria: Iterable[CriterionResult]) -> Section:
 
 
 def figures_section(figures: Iterable[FigureResult]) -> Section:
-    """Return the table of the smallest, median and largest value of each figure in each cell."""
+    """Return the table of the distribution of each figure in each cell."""
     rows = []
     for one in figures:
-        numbers = (FIGURES[one.figure].text(value) for value in (one.least, one.median, one.largest))
+        values = (one.least, one.median, one.largest, one.mean, one.deviation)
+        numbers = (FIGURES[one.figure].text(value) for value in values)
         runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
         rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
-    return Section("Figures by cell", ("figure", "cell", "runs", "least", "median", "largest"), rows)
+    columns = ("figure", "cell", "runs", "least", "median", "largest", "mean", "deviation")
+    return Section("Figures by cell", columns, rows)
 
 
 def rerun_command(results: str, key: str) -> str:

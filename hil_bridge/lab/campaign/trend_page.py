@@ -7,7 +7,8 @@ from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
 from hil_bridge.lab.text_tables import aligned
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN, concise
+from hil_bridge.record.analysis.definition import UNKNOWN, concise
+from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.report.markup import across, cells, fold, prose, table
 
@@ -74,7 +75,7 @@ def trend_page(trend: Trend) -> str:
 {_figure_tables(trend, names)}
 <p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
 figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
-tests, is below {trend.level:g}.</p>
+tests, is below {trend.level:g}. Each median has its interval of 95 % in brackets, or the range of fewer than six runs.</p>
 <h2>Course over the results</h2>{room("trend", trend_charts(trend), first=2)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
@@ -134,14 +135,21 @@ def _count(tally: Tally) -> str:
 
 
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
-    medians = (_median_text(row, value) for value in row.medians)
+    medians = (_median_text(row, *pair) for pair in zip(row.medians, row.intervals, strict=True))
     test = _probability(row.probability), _probability(row.adjusted), row.change.value
     return FIGURES[row.figure].words, row.cell, *medians, *test
 
 
-def _median_text(row: FigureChange, value: float | None) -> str:
+def _median_text(row: FigureChange, median: float | None, interval: tuple[float, float] | None = None) -> str:
+    """Format a median, with its interval if there is one."""
     definition = FIGURES[row.figure]
-    return concise(value, definition.scale, definition.form, definition.unit)
+
+    def text(value: float | None, unit: str) -> str:
+        return concise(value, definition.scale, definition.form, unit)
+
+    if interval is None or interval[0] == interval[1]:
+        return text(median, definition.unit)
+    return f"{text(median, definition.unit)} ({text(interval[0], '')} … {text(interval[1], '')})"
 
 
 def _probability(value: float | None) -> str:

@@ -17,10 +17,19 @@ from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.comparison import SettingChange, setting_changes
-from hil_bridge.lab.campaign.digest import NUMBERS, Tally, facts_of, runs_by_cell, tally_of, values_of
+from hil_bridge.lab.campaign.digest import (
+    NUMBERS,
+    Tally,
+    facts_of,
+    runs_by_case,
+    runs_by_cell,
+    tally_of,
+    values_of,
+)
 from hil_bridge.lab.campaign.store import Done, Store
-from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, rank_sum
-from hil_bridge.record.analysis.figures import FIGURES, Good
+from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, median_interval, rank_sum
+from hil_bridge.record.analysis.definition import Good
+from hil_bridge.record.analysis.figures import FIGURES
 
 RESULTS_MOST = 50
 """Maximum number of results compared at once. Chosen: one year of weekly results."""
@@ -70,6 +79,8 @@ class FigureChange(Struct, frozen=True):
     runs: tuple[int, ...]
     medians: tuple[float | None, ...]
     """Median of the figure in each of the results; None if no run has the figure, or the median is infinite."""
+    intervals: tuple[tuple[float, float] | None, ...]
+    """Interval of each median with a confidence of 95 %, or the range of fewer than six runs; None without a run."""
     probability: float | None
     """Probability of such a difference by chance (Mann-Whitney test)."""
     adjusted: float | None
@@ -113,13 +124,14 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
     """
     if not 2 <= len(stores) <= RESULTS_MOST:
         raise ConfigError(f"compare takes the results of 2 to {RESULTS_MOST} campaigns, not of {len(stores)}")
-    results, by_cell = [], []
+    results, by_cell, by_case = [], [], []
     for name, store in stores.items():
         plan, runs = store.plan(), list(store.runs())
         if not runs:
             raise ConfigError(f"{store.path} has no run yet; run the campaign first")
         results.append(Results(name, plan.name, tally_of(runs), dict(facts_of(store, plan, runs))))
         by_cell.append(runs_by_cell(plan, runs))
+        by_case.append(runs_by_case(plan, runs))
     first, *_, last = stores.values()
     cells = list(dict.fromkeys(chain.from_iterable(by_cell)))
     overall = _adjust([_cell("all cells", [one.tally for one in results])], _cell_change)
@@ -130,7 +142,7 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
         tuple(setting_changes(first, last)),
         overall[0],
         tuple(_adjust(rows, _cell_change)),
-        tuple(_adjust(list(_figures(cells, by_cell)), _figure_change)),
+        tuple(_adjust(list(_figures(by_case)), _figure_change)),
     )
 
 
@@ -149,16 +161,18 @@ def _cell_change(row: CellChange) -> Change:
     return Change.WORSE if last < first else Change.BETTER
 
 
-def _figures(cells: Sequence[str], by_cell: Sequence[Mapping[str, list[Done]]]) -> Iterator[FigureChange]:
+def _figures(by_case: Sequence[Mapping[str, list[Done]]]) -> Iterator[FigureChange]:
+    cases = list(dict.fromkeys(chain.from_iterable(by_case)))
     for key in NUMBERS:
-        for cell in cells:
-            samples = [values_of(key, runs_of.get(cell, ())) for runs_of in by_cell]
+        for case in cases:
+            samples = [values_of(key, runs_of.get(case, ())) for runs_of in by_case]
             if any(sample != samples[0] for sample in samples):
                 medians = tuple(_median(sample) for sample in samples)
+                intervals = tuple(median_interval(sample) for sample in samples)
                 both = samples[0] and samples[-1]
                 probability = rank_sum(samples[0], samples[-1]) if both else None
                 runs = tuple(map(len, samples))
-                yield FigureChange(key, cell, runs, medians, probability, None, Change.NONE)
+                yield FigureChange(key, case, runs, medians, intervals, probability, None, Change.NONE)
 
 
 def _median(values: Sequence[float]) -> float | None:

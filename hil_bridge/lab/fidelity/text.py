@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.measures import Gaps
 from hil_bridge.lab.fidelity.units import prefixed_unit
-from hil_bridge.record.analysis.figures import UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN
 
 _NOTHING = 1e-12
 """Magnitude below which a value counts as rounding, in every unit used here. Chosen."""

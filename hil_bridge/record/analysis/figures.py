@@ -4,95 +4,11 @@ Each figure has one key, which includes its unit, and one description. All code 
 here.
 """
 
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
 
-UNKNOWN = "–"
-"""Placeholder for a figure without a value."""
+from hil_bridge.record.analysis.definition import UNKNOWN, Definition, Good, Group
 
-
-class Good(StrEnum):
-    """Direction in which a figure improves."""
-
-    LESS = "less"
-    NEAR_ZERO = "near 0"
-    NONE = ""
-    """The figure has no preferred direction, or is text."""
-
-
-class Group(StrEnum):
-    """Group of figures."""
-
-    MERIT = "figures of merit"
-    """Figures of the tracked force: `Summary.figures` and the fields of `FiguresOfMerit`."""
-    RUN = "run"
-    """Other results of a run, which are fields of `Summary`."""
-    CONTACT = "contact"
-    """Force statistics while the tool is in contact, with or without a target force: `Summary.contact`."""
-    CAMPAIGN = "campaign"
-    """Figures that a campaign adds from the ground truth of an emulated cell."""
-
-
-@dataclass(frozen=True, slots=True)
-class Definition:
-    """Definition of a figure."""
-
-    key: str
-    words: str
-    unit: str
-    how: str
-    """Description of how the figure is computed."""
-    group: Group = Group.MERIT
-    good: Good = Good.LESS
-    form: str = ".2f"
-    """Format of the number; empty for text."""
-    least: float | None = None
-    """Smallest relevant difference, in the unit of the figure, which is the smallest scale of a search. None if a
-    search cannot use the figure. Chosen.
-    """
-    of_several: str = ""
-    """Description of how the figure is computed for a program with several strokes, if different."""
-    scale: float = 1.0
-    """Factor from the value in a summary to the displayed unit."""
-
-    @property
-    def title(self) -> str:
-        """Label and unit of the figure, as a column heading."""
-        return f"{self.words}, {self.unit}" if self.unit else self.words
-
-    @property
-    def meaning(self) -> str:
-        """Description of how the figure is computed, with its unit, in one line."""
-        return f"{self.how}, {self.unit}" if self.unit else self.how
-
-    def text(self, value: float | None) -> str:
-        """Format a value with its unit; return a dash if it is unknown."""
-        return quantity(value, self.scale, self.form, self.unit)
-
-
-def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
-    """Format a value with its unit; return a dash if it is unknown. A signed zero becomes `0`."""
-    if value is None:
-        return UNKNOWN
-    text = f"{value * scale:{form}}"
-    if text[0] in "+-" and not text.strip("+-0."):
-        text = "0"
-    named = "cycle" if (text, unit) == ("1", "cycles") else unit
-    return f"{text} {named}".rstrip().replace("-", "−")
-
-
-def concise(value: float | None, scale: float, form: str, unit: str) -> str:
-    """Format a value as `quantity` does, but leave out decimals beyond three significant digits."""
-    if value is None or not math.isfinite(value) or not form.endswith("f"):
-        return quantity(value, scale, form, unit)
-    head, _, places = form.removesuffix("f").partition(".")
-    before = len(str(int(abs(round(value * scale, int(places))))).lstrip("0"))
-    return quantity(value, scale, f"{head}.{max(0, min(int(places), 3 - before))}f", unit)
-
-
-_CAMPAIGN, _CONTACT, _RUN = Group.CAMPAIGN, Group.CONTACT, Group.RUN
+_CAMPAIGN, _RESPONSE, _CONTACT, _RUN = Group.CAMPAIGN, Group.RESPONSE, Group.CONTACT, Group.RUN
 _TABLE = (
     Definition(
         "outcome",
@@ -251,6 +167,211 @@ _TABLE = (
         least=0.1,
     ),
     Definition(
+        "touch_speed_mm_s",
+        "speed of the touch",
+        "mm/s",
+        "reported speed along the approach in the last 0.1 s before the first force above 1 N",
+        _RESPONSE,
+        Good.NONE,
+    ),
+    Definition(
+        "touch_peak_n",
+        "peak of the touch",
+        "N",
+        "largest force in the 3 s after the touch",
+        _RESPONSE,
+        form=".1f",
+        least=0.1,
+    ),
+    Definition(
+        "touch_impulse_ns",
+        "impulse of the touch",
+        "N·s",
+        "integral of the force above the target over these 3 s",
+        _RESPONSE,
+        form=".3f",
+        least=0.01,
+    ),
+    Definition(
+        "touch_error_max_n",
+        "largest touch error",
+        "N",
+        "largest absolute error in these 3 s",
+        _RESPONSE,
+    ),
+    Definition(
+        "touch_error_mean_n",
+        "mean touch error",
+        "N",
+        "mean absolute error in these 3 s",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "touch_error_deviation_n",
+        "deviation of the touch error",
+        "N",
+        "standard deviation of the same",
+        _RESPONSE,
+    ),
+    Definition(
+        "settle_s",
+        "settling time",
+        "s",
+        "time from the touch until the error stays within 10 % of the target, at least 1 N, up to 3 s",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "settle_10n_s",
+        "settling time, 10 N",
+        "s",
+        "the same within 10 N, for a target above 10 N",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "step_rise_s",
+        "rise of a step",
+        "s",
+        "time from 10 % to 90 % of a step of the target, slowest step",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "step_overshoot_percent",
+        "overshoot of a step",
+        "%",
+        "largest error beyond the new target, of the step, worst step",
+        _RESPONSE,
+        form=".1f",
+        least=1.0,
+    ),
+    Definition(
+        "step_settle_s",
+        "settling of a step",
+        "s",
+        "time from the step until the error stays within 10 % of the step, slowest step",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "step_error_n",
+        "error after a step",
+        "N",
+        "mean error in the second half of the interval after a step, worst step",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "smallest_step_n",
+        "smallest step",
+        "N",
+        "smallest of repeated steps that the mean force follows by half or more, three standard errors above 0",
+        _RESPONSE,
+        form=".3g",
+    ),
+    Definition(
+        "ramp_lag_s",
+        "lag of a ramp",
+        "s",
+        "mean error in the last 70 % of a ramp of the target, divided by its rate; the largest",
+        _RESPONSE,
+        Good.NEAR_ZERO,
+        ".3f",
+    ),
+    Definition(
+        "sine_gain",
+        "amplitude ratio",
+        "",
+        "amplitude of the force, of that of a sine of the target; the first period is left out",
+        _RESPONSE,
+        Good.NONE,
+        ".3f",
+    ),
+    Definition(
+        "sine_phase_deg",
+        "phase",
+        "°",
+        "phase of the force after that sine, negative for a delay",
+        _RESPONSE,
+        Good.NEAR_ZERO,
+        ".1f",
+    ),
+    Definition(
+        "disturbance_peak_n",
+        "disturbance peak",
+        "N",
+        "largest absolute error while a fault moves or changes the surface",
+        _RESPONSE,
+        least=0.1,
+    ),
+    Definition(
+        "disturbance_settle_s",
+        "disturbance settling",
+        "s",
+        "time from the begin of that fault until the error stays within the band of the settling time",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "disturbance_error_n",
+        "disturbance error",
+        "N",
+        "mean error in the second half of that fault",
+        _RESPONSE,
+        Good.NEAR_ZERO,
+        "+.2f",
+    ),
+    Definition(
+        "disturbance_n_mm",
+        "force per motion",
+        "N/mm",
+        "amplitude of the force, of that of an oscillating surface; the first period is left out",
+        _RESPONSE,
+        least=0.05,
+    ),
+    Definition(
+        "drift_n_min",
+        "drift",
+        "N/min",
+        "slope of the force over a constant target of at least 60 s, without the first 10 s",
+        _RESPONSE,
+        Good.NEAR_ZERO,
+        "+.3f",
+    ),
+    Definition(
+        "drift_true_n_min",
+        "true drift",
+        "N/min",
+        "the same of the true force",
+        _RESPONSE,
+        Good.NEAR_ZERO,
+        "+.3f",
+    ),
+    Definition(
+        "track_error_max_n",
+        "largest track error",
+        "N",
+        "largest absolute error from 3 s after the touch on",
+        _RESPONSE,
+    ),
+    Definition(
+        "track_error_mean_n",
+        "mean track error",
+        "N",
+        "mean absolute error from 3 s after the touch on",
+        _RESPONSE,
+        least=0.02,
+    ),
+    Definition(
+        "track_error_deviation_n",
+        "deviation of the track error",
+        "N",
+        "standard deviation of the same",
+        _RESPONSE,
+    ),
+    Definition(
         "force_reference_n", "target force", "N", "target force, positive while pressing", _RUN, Good.NONE
     ),
     Definition(
@@ -330,11 +451,13 @@ FIGURES: Mapping[str, Definition] = {one.key: one for one in _TABLE}
 """All figures, by key."""
 MERIT = tuple(one for one in _TABLE if one.group is Group.MERIT)
 """Figures of merit, in display order."""
+RESPONSE = tuple(one for one in _TABLE if one.group is Group.RESPONSE)
+"""Response figures, in display order."""
 CONTACT = tuple(one for one in _TABLE if one.group is Group.CONTACT)
 """Contact figures, in display order."""
 TUNED = tuple(dict.fromkeys(one.key for one in (*MERIT, *_TABLE) if one.least is not None))
 """Figures that a search can minimise."""
-JUDGED = tuple(one.key for one in _TABLE[: _TABLE.index(MERIT[-1]) + 1])
+JUDGED = tuple(one.key for one in _TABLE[: _TABLE.index(RESPONSE[-1]) + 1])
 """Figures of a run in a campaign that a criterion can refer to."""
 COUNTED = ("faults_struck", "causes")
 """Figures that are mappings from a name to a count."""

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.figures import FIGURES
 
 _SUMMARY, _RECORDING = "summary.json", "*.mcap"
 _LARGEST = 1_000_000

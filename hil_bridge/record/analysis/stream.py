@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import msgspec
 import numpy as np
@@ -46,8 +46,8 @@ class _Configured(Struct):
     frame: _Frame
 
 
-def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
-    """Return the complete sensor stream, N, as time, lowest and highest force of at most a few thousand bins.
+def stream_of(recording: Recording) -> tuple[Floats, Floats] | None:
+    """Return the controlled force in all frames of the sensor: arrival times, s, and forces, N.
 
     The stream is recorded in device counts. The facts of the sensor scale it, and the configuration gives its
     direction. Weight and bias are the differences between the forces of the cycles and the forces of the frames
@@ -69,19 +69,38 @@ def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
     if not np.abs(offsets - offset).max() <= _TOLERANCE * max(float(np.ptp(force)), 1e-9):
         return None
     at = np.array([sensor.at for sensor in recording.sensors])
-    stream = np.array([sensor.counts[:3] for sensor in recording.sensors], dtype=np.float64) @ along + offset
+    return at, np.array(
+        [sensor.counts[:3] for sensor in recording.sensors], dtype=np.float64
+    ) @ along + offset
+
+
+def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
+    """Return `stream_of` as time, lowest and highest force of at most a few thousand bins; None as there."""
+    complete = stream_of(recording)
+    if complete is None:
+        return None
+    at, stream = complete
     starts = np.arange(0, len(at), max(1, math.ceil(len(at) / _BINS)))
     return at[starts], np.minimum.reduceat(stream, starts), np.maximum.reduceat(stream, starts)
 
 
-def _along(recording: Recording) -> Floats | None:
-    """Return the force along the approach direction per count of each force axis, N, (3,); None if it is unknown."""
-    facts = devices_of(recording).sensor.facts
+def approach_of(recording: Recording) -> Vector | None:
+    """Return the configured approach direction in the base frame; None if it is unknown."""
+    configured = _configured(recording)
+    return None if configured is None else configured.frame.approach
+
+
+def _configured(recording: Recording) -> _Configured | None:
     try:
-        configured: Any = msgspec.convert(recorded_configuration(recording), _Configured)
+        return msgspec.convert(recorded_configuration(recording), _Configured)
     except ValueError:
         return None
-    if facts is None:
+
+
+def _along(recording: Recording) -> Floats | None:
+    """Return the force along the approach direction per count of each force axis, N, (3,); None if it is unknown."""
+    facts, configured = devices_of(recording).sensor.facts, _configured(recording)
+    if facts is None or configured is None:
         return None
     sensor = configured.sensor
     turned = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))

@@ -16,6 +16,7 @@ from hil_bridge.record.analysis.answers import answers_of
 from hil_bridge.record.analysis.contact import contact_figures
 from hil_bridge.record.analysis.figures import MERIT
 from hil_bridge.record.analysis.latency import latency_of
+from hil_bridge.record.analysis.response import response_figures
 from hil_bridge.record.analysis.steps import StepOutcome, step_outcomes
 from hil_bridge.record.analysis.strokes import TRACK, merit_of, strokes_of
 from hil_bridge.record.analysis.times import Times, times_of
@@ -81,6 +82,8 @@ class Summary:
     The largest force and the overshoot include the sample that ended the phase. A run with several strokes has the
     slowest rise, the steady state of the last stroke, and all other figures over all strokes.
     """
+    response: Mapping[str, float | None]
+    """Response figures of the first stroke, by the keys of `analysis.figures`."""
     contact: Mapping[str, float | None]
     """Contact figures of the samples whose force is above the contact threshold, by the keys of `analysis.figures`.
 
@@ -165,6 +168,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         force_mean_steady_n=statistics.fmean(cycle.force for cycle in tail) if steady else None,
         strokes=len(strokes),
         figures=figures,
+        response=response_figures(recording, strokes),
         contact=contact_figures(recording),
         phases_s={
             name: sum(span.end - span.begin for span in spans if span.name == name)

@@ -9,7 +9,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
 from hil_bridge.record.analysis.why import why_values
@@ -23,7 +24,7 @@ from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Limit, Mark, Series, document, room
 from hil_bridge.show.report.bag_page import assumptions_table
 from hil_bridge.show.report.differences import ABSENT, between
-from hil_bridge.show.report.figures import contact_rows, figure_tables, merit_rows
+from hil_bridge.show.report.figures import contact_rows, figure_tables, merit_rows, response_rows
 from hil_bridge.show.report.identity import identity_rows
 from hil_bridge.show.report.markup import across, badge, fold, prose, setting_cells, table
 
@@ -59,7 +60,8 @@ def compare_values(runs: Mapping[str, Recording]) -> dict[str, Any]:
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     return {
         "runs": {
-            name: {"outcome": one.outcome, **one.figures, **one.contact} for name, one in summaries.items()
+            name: {"outcome": one.outcome, **one.figures, **one.response, **one.contact}
+            for name, one in summaries.items()
         },
         "settings": {
             key: dict(zip(ours, values, strict=True)) for key, *values in between(list(ours.values()))
@@ -251,7 +253,7 @@ def _same_target(recordings: Sequence[Recording]) -> float | None:
 def _figures_of(recording: Recording, summary: Summary) -> dict[str, str]:
     """Return the figures of a run as texts, by label."""
     tables = (rows for _, rows in figure_tables(recording, summary))
-    listed = [*(row for rows in tables for row in rows), *contact_rows(summary)]
+    listed = [*(row for rows in tables for row in rows), *response_rows(summary), *contact_rows(summary)]
     return dict(identity_rows(recording, summary)) | {row.label: row.value for row in listed}
 
 

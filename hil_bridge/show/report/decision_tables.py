@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeGuard
 
-from hil_bridge.record.analysis.figures import quantity
+from hil_bridge.record.analysis.definition import quantity
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, UNKNOWN, Definition, Group, concise
+from hil_bridge.record.analysis.definition import UNKNOWN, Definition, Group, concise
+from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 
@@ -27,6 +28,12 @@ def merit_rows(summary: Summary) -> tuple[Row, ...]:
         Row(one.words, _text(one, summary.figures.get(one.key)), (several and one.of_several) or one.how)
         for one in MERIT
     )
+
+
+def response_rows(summary: Summary) -> tuple[Row, ...]:
+    """Return the response figures that the run has."""
+    values = ((one, summary.response.get(one.key)) for one in RESPONSE)
+    return tuple(Row(one.words, _text(one, value), one.how) for one, value in values if value is not None)
 
 
 def contact_rows(summary: Summary) -> tuple[Row, ...]:

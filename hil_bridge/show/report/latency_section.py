@@ -2,7 +2,7 @@
 
 from html import escape
 
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.definition import concise
 from hil_bridge.record.analysis.latency import Latency, Part, latency_of
 from hil_bridge.record.analysis.times import Times
 from hil_bridge.record.reader import Recording

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.figures import UNKNOWN, concise
+from hil_bridge.record.analysis.definition import UNKNOWN, concise
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import sentence, why_values
 from hil_bridge.record.device_facts import devices_of, is_beyond_run
@@ -19,7 +19,7 @@ from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import cell_room, document, room
 from hil_bridge.show.report.bag_page import bag_page
 from hil_bridge.show.report.differences import from_defaults
-from hil_bridge.show.report.figures import NAMED, Row, merit_rows, run_rows
+from hil_bridge.show.report.figures import NAMED, Row, merit_rows, response_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality, run_title
 from hil_bridge.show.report.latency_section import latency_section
 from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows
@@ -77,6 +77,7 @@ def page(recording: Recording, summary: Summary) -> str:
 {surface_section(recording)}
 <div class="columns"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
 <section><h2>Phases</h2>{phases}{before}</section></div>
+{fold(_response(summary))}
 {fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
 {fold(f"<h2>Events</h2>{_events(recording)}")}
 {fold(f"<h2>Settings that are not the defaults</h2>{_settings(recording)}")}
@@ -137,6 +138,11 @@ def _reason(recording: Recording, summary: Summary) -> str:
         detail if reason.fact else "",
     ]
     return "\n".join(filter(None, parts))
+
+
+def _response(summary: Summary) -> str:
+    listed = response_rows(summary)
+    return f"<h2>Response to touch, target and surface</h2>{rows(listed)}" if listed else ""
 
 
 def _events(recording: Recording) -> str:

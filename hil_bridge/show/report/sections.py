@@ -3,7 +3,7 @@
 import math
 from html import escape
 
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.definition import concise
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 
 from hil_bridge.errors.rounding import three_digits
-from hil_bridge.record.analysis.figures import concise, quantity
+from hil_bridge.record.analysis.definition import concise, quantity
 from hil_bridge.record.analysis.steps import CUT, StepOutcome
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording

@@ -16,7 +16,7 @@ from hil_bridge.lab.conform.robots.scenarios import (
 from hil_bridge.lab.conform.robots.watching import RobotEvidence
 from hil_bridge.lab.conform.trial import CUT, NOMINAL
 from hil_bridge.lab.conform.verdict import Verdict, decide
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.definition import concise
 
 
 def judge(scenario: str, evidence: RobotEvidence, rules: Rules) -> Verdict:

@@ -8,7 +8,7 @@ from hil_bridge.lab.conform.robots.offences import Offence, Offender
 from hil_bridge.lab.conform.robots.scenarios import EMERGENCY, LATE, MOVED_M, REFUSED, STOPPED, Rules
 from hil_bridge.lab.conform.robots.watching import RobotEvidence
 from hil_bridge.lab.conform.trial import CUT, NOMINAL
-from hil_bridge.record.analysis.figures import concise
+from hil_bridge.record.analysis.definition import concise
 from hil_bridge.show.pages.timeline import Interval, Moment, TimeLine, Tone
 
 _ORDERS, _ROBOT, _TOOL = "orders of the client", "robot", "motion of the tool"

@@ -1,0 +1,89 @@
+"""Definition of a figure, and the text of its values."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+UNKNOWN = "–"
+"""Placeholder for a figure without a value."""
+
+
+class Good(StrEnum):
+    """Direction in which a figure improves."""
+
+    LESS = "less"
+    NEAR_ZERO = "near 0"
+    NONE = ""
+    """The figure has no preferred direction, or is text."""
+
+
+class Group(StrEnum):
+    """Group of figures."""
+
+    MERIT = "figures of merit"
+    """Figures of the tracked force: `Summary.figures` and the fields of `FiguresOfMerit`."""
+    RESPONSE = "response"
+    """Response to a touch, a changing target and a moved surface: `Summary.response`."""
+    RUN = "run"
+    """Other results of a run, which are fields of `Summary`."""
+    CONTACT = "contact"
+    """Force statistics while the tool is in contact, with or without a target force: `Summary.contact`."""
+    CAMPAIGN = "campaign"
+    """Figures that a campaign adds from the ground truth of an emulated cell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """Definition of a figure."""
+
+    key: str
+    words: str
+    unit: str
+    how: str
+    """Description of how the figure is computed."""
+    group: Group = Group.MERIT
+    good: Good = Good.LESS
+    form: str = ".2f"
+    """Format of the number; empty for text."""
+    least: float | None = None
+    """Smallest relevant difference, in the unit of the figure, which is the smallest scale of a search. None if a
+    search cannot use the figure. Chosen.
+    """
+    of_several: str = ""
+    """Description of how the figure is computed for a program with several strokes, if different."""
+    scale: float = 1.0
+    """Factor from the value in a summary to the displayed unit."""
+
+    @property
+    def title(self) -> str:
+        """Label and unit of the figure, as a column heading."""
+        return f"{self.words}, {self.unit}" if self.unit else self.words
+
+    @property
+    def meaning(self) -> str:
+        """Description of how the figure is computed, with its unit, in one line."""
+        return f"{self.how}, {self.unit}" if self.unit else self.how
+
+    def text(self, value: float | None) -> str:
+        """Format a value with its unit; return a dash if it is unknown."""
+        return quantity(value, self.scale, self.form, self.unit)
+
+
+def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
+    """Format a value with its unit; return a dash if it is unknown. A signed zero becomes `0`."""
+    if value is None:
+        return UNKNOWN
+    text = f"{value * scale:{form}}"
+    if text[0] in "+-" and not text.strip("+-0."):
+        text = "0"
+    named = "cycle" if (text, unit) == ("1", "cycles") else unit
+    return f"{text} {named}".rstrip().replace("-", "−")
+
+
+def concise(value: float | None, scale: float, form: str, unit: str) -> str:
+    """Format a value as `quantity` does, but leave out decimals beyond three significant digits."""
+    if value is None or not math.isfinite(value) or not form.endswith("f"):
+        return quantity(value, scale, form, unit)
+    head, _, places = form.removesuffix("f").partition(".")
+    before = len(str(int(abs(round(value * scale, int(places))))).lstrip("0"))
+    return quantity(value, scale, f"{head}.{max(0, min(int(places), 3 - before))}f", unit)
