@@ -75,7 +75,7 @@ def trend_page(trend: Trend) -> str:
 {_figure_tables(trend, names)}
 <p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
 figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
-tests, is below {trend.level:g}. Brackets hold the interval of 95 % of a median, or the range of fewer than six runs.</p>
+tests, is below {trend.level:g}. Brackets hold the interval of 95 % of a median, or the range of up to five runs.</p>
 <h2>Course over the results</h2>{room("trend", trend_charts(trend), first=2)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
