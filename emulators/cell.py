@@ -26,6 +26,7 @@ from emulators.seams import (
     ArmPath,
     EmulatedRobot,
     EmulatedSensor,
+    EquippedRobot,
     FeelingRobot,
     Floats,
     Joints,
@@ -189,6 +190,8 @@ class Cell(Generic[Robot, Sensor]):
         robot: object = self.robot
         if isinstance(robot, FeelingRobot):
             robot.feel(self._contact_at)
+        if isinstance(robot, EquippedRobot):
+            robot.equip(self.sensor)
         if isinstance(robot, LoadedRobot):
             robot.carry(profile.tool.mass_kg, (u / 1000.0, v / 1000.0, w / 1000.0))
         self.ledger = Ledger({**parts.faults, **OWN_FAULTS, **parts.faults})

@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from emulators.arm.history import History
 from emulators.arm.waypoints import Waypoint
 from emulators.devices.jr3 import Gateway, GatewayProfile, SensorProfile
+from emulators.devices.s3 import S3Controller
 from emulators.surface.contact import SurfaceProfile
 from emulators.tool import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
 from protocol.can.frame import CanFrame
@@ -43,6 +44,13 @@ def read_frames(cell: PaperCell, begin: float, seconds: float) -> np.ndarray:
         frames.extend(gateway.data_to_send(due))
     counts = np.array([struct.unpack("<3hH", f.data)[:3] for f in frames if f.identifier == 0x601])
     return counts * np.array([115.0, 111.0, FULL_SCALE_FZ]) / 16384.0
+
+
+def test_robot_that_reads_a_sensor_receives_that_of_the_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    equipped: list[object] = []
+    monkeypatch.setattr(S3Controller, "equip", lambda robot, sensor: equipped.append(sensor), raising=False)
+    cell = s3_jr3_cell(PaperCellProfile(tool=NO_TOOL), T0, seed=5)
+    assert equipped == [cell.sensor]
 
 
 def test_pressing_2_mm_into_sponge_reads_10_n() -> None:
