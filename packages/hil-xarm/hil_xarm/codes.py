@@ -18,6 +18,7 @@ class Error(IntEnum):
     PLANNING = 25
     COLLISION = 31
     SENSOR_READ = 50
+    SENSOR_MODE = 51
     SENSOR_ZERO = 52
     SENSOR_OVERLOAD = 53
     SERVO_SPEED = 60

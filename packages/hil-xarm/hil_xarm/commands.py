@@ -20,7 +20,8 @@ _SERVO_S = 0.01
 """Time between two servo commands that is expected when a client is judged, s. Chosen: that of the maker's examples."""
 _TURN_RAD_S = math.pi
 """Largest rotational speed of a tool, rad/s: the speed of a joint."""
-_VERSION_BYTES = 40
+_TEXT_BYTES = 40
+"""Smallest length of a text in a reply."""
 _HOME_PACE = Pace(20.0, 500.0)
 """Speed and acceleration of a motion without its own, degrees. Source: defaults of the maker's client."""
 _IGNORED = (Function.SAVE, Function.SET_FEEDBACK, Function.SYSTEM, Function.BRAKE)
@@ -37,7 +38,7 @@ class Commands:
         self._box = box
         self._reach = Reach(_SERVO_S, box.profile.tool_speed_mm_s / 1e3, _TURN_RAD_S)
         self._handlers: Mapping[int, Handler] = {
-            Function.VERSION: lambda data, now: version_text(box).encode().ljust(_VERSION_BYTES, b"\0"),
+            Function.VERSION: lambda data, now: _text(version_text(box)),
             Function.SERIALS: self._serials,
             Function.ENABLE: self._enable,
             Function.SET_STATE: self._set_state,
@@ -95,7 +96,7 @@ class Commands:
 
     def _serials(self, data: bytes, now: float) -> Answer:
         profile = self._box.profile
-        return f"{profile.arm_serial}\0{profile.box_serial}\0".encode().ljust(_VERSION_BYTES, b"\0")
+        return _text(f"{profile.arm_serial}\0{profile.box_serial}")
 
     def _enable(self, data: bytes, now: float) -> Answer:
         joint, is_on = _bytes(data, 2)
@@ -270,6 +271,11 @@ class Commands:
             return bytes(280)
         head = bytes((0, int(sensor.is_on), 0, 0)) + round(sensor.profile.rate_hz).to_bytes(2, "big")
         return (head + pack_floats(*(0.0,) * 5, *sensor.zero)).ljust(280, b"\0")
+
+
+def _text(text: str) -> Answer:
+    """Return a text that ends with a zero, as it is in a reply."""
+    return f"{text}\0".encode().ljust(_TEXT_BYTES, b"\0")
 
 
 def _bytes(data: bytes, count: int) -> bytes:

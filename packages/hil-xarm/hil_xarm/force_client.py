@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from hil_xarm.codes import error_text
-from hil_xarm.dialogue import Ask, Dialogue, Failed, Piece, Script, Wait, ask_version
+from hil_xarm.codes import Error, error_text
+from hil_xarm.dialogue import Ask, Dialogue, Failed, Piece, Script, Wait, ask_error, ask_version
 from hil_xarm.frames import Bit, FrameReader, Function, Reply
 from hil_xarm.reports import PLAIN, REAL, Port, ReportReader
 from hil_xarm.settings import ForceSettings
@@ -19,7 +19,8 @@ from protocol.outbox import Outbox
 from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFacts, SensorStatistics
 
-_SENSOR_ERRORS = (18, *range(50, 54))
+_FAILURES = (Error.SENSOR_LOST, Error.SENSOR_READ, Error.SENSOR_MODE, Error.SENSOR_ZERO)
+"""Errors after which the values do not count. After an overload, they do: the run retracts."""
 _OFF_AFTER = 3
 """Number of consecutive reports with only zeros after which the sensor counts as off. Chosen: noise is never zero on
 all axes for so long.
@@ -62,8 +63,10 @@ class ForceClient(Outbox[Piece]):
                     for frame in self._frames.feed(contents):
                         self._process_reply(frame.as_reply(), now)
                 elif port is Port.REAL:
+                    cut = self._reports.cut
                     for report in self._reports.feed(contents):
                         self._process_report(report, now)
+                    self.statistics.malformed += self._reports.cut - cut
             except RemoteProtocolError:
                 self.statistics.malformed += 1
 
@@ -96,10 +99,12 @@ class ForceClient(Outbox[Piece]):
         yield Wait(self._settings.settle_s)
         self._streams = True
         while True:
-            reply = yield Ask(Function.ERROR)
-            if reply is not None and reply.data and reply.data[0] in _SENSOR_ERRORS:
-                self._fail(f"the box reports {error_text(reply.data[0])}", _CHECK)
+            error = yield from ask_error()
+            if error in _FAILURES:
+                self._fail(f"the box reports {error_text(error)}", _CHECK)
                 return
+            if error and not self._sensor_events.knows_status(error):
+                self._sensor_events.notice_status(error, f"the box reports {error_text(error)}")
             yield Wait(self._settings.ask_s)
 
     def _advance(self, reply: Reply | None, now: float) -> None:

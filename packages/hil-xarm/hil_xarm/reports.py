@@ -183,15 +183,23 @@ LAYOUTS: Mapping[int, Layout] = {
 
 
 class ReportReader:
-    """Splitter of the byte stream of one port into reports. As the maker's client, it accepts one size only."""
+    """Splitter of the byte stream of one port into reports. As the maker's client, it accepts one size only.
+
+    Nothing marks the end of a report. Data that begin with the size while a report is incomplete are the begin of the
+    next one: the box sends each report at once, and no number in a report has these bytes.
+    """
 
     def __init__(self) -> None:
         self._buffer, self._size = b"", 0
+        self.cut = 0
+        """Number of reports that were cut off."""
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Yield each complete report. Raises RemoteProtocolError for a size that is impossible or has changed; the
         bytes received so far are then dropped.
         """
+        if self._buffer and self._size and data[:4] == self._size.to_bytes(4, "big"):
+            self._buffer, self.cut = b"", self.cut + 1
         self._buffer += data
         while len(self._buffer) >= 4:
             size = int.from_bytes(self._buffer[:4], "big")

@@ -11,6 +11,7 @@ from hil_xarm.box import Box
 from hil_xarm.cable import Cable, Server
 from hil_xarm.codes import Error
 from hil_xarm.connections import CommandConnection, ReportConnection, Stalls
+from hil_xarm.faults import XARM_FAULTS
 from hil_xarm.force import ForceSensor
 from hil_xarm.frames import State
 from hil_xarm.profile import XarmProfile
@@ -52,7 +53,7 @@ class XarmRobot:
                 **box.faults.striking(acts),
                 **box.faults.held(("stalls", "stands", "mute")),
             },
-            "pose": box.reported.handlers,
+            "pose": {name: box.reported.handlers[name] for name in XARM_FAULTS["pose"]},
             WIRE: self.cable.handlers,
         }
 
