@@ -74,7 +74,7 @@ class Box:
         """Reported state."""
         if self._state != State.MOVE:
             return self._state
-        return State.ASLEEP if self.motion.is_still and not self._queue else State.MOVING
+        return State.ASLEEP if self.motion.is_done and not self._queue else State.MOVING
 
     @property
     def is_ready(self) -> bool:

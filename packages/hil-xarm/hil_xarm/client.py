@@ -55,7 +55,8 @@ class XarmClient(Mailbox[Piece, StreamEvent]):
         self._lost = NO_TROUBLE
         self._error = 0
         """Newest error that the box has told."""
-        self._asks_error = False
+        self._asks_error = self._was_stopped = False
+        """Whether the error is to be asked for, and whether the newest report shows a stop."""
         self._is_ready = False
         """Whether reports are passed on."""
         self._clock, self._count = ArrivalClock(), 0
@@ -208,8 +209,9 @@ class XarmClient(Mailbox[Piece, StreamEvent]):
         is_stopped = state in _STOPPED
         if not is_stopped:
             self._error = 0
-        elif self._is_ready and not self._error:
+        elif self._is_ready and not self._was_stopped:
             self._asks_error = True
+        self._was_stopped = is_stopped
         if not self._is_ready and self._script is None and mode == Mode.SERVO and not is_stopped:
             self._is_ready, self._ready_by = True, math.inf
         if not self._is_ready or self._lost:
@@ -225,11 +227,11 @@ class XarmClient(Mailbox[Piece, StreamEvent]):
 
     def _trouble(self, state: int, mode: int) -> Trouble:
         """Return why the arm does not follow; empty if it does. An error takes one more reply to be known."""
-        if self._error:
-            return error_trouble(self._error)
+        if self._error or self._read_only:
+            return error_trouble(self._error) if self._error else NO_TROUBLE
         if trouble := _STATES.get(State(state) if state in tuple(State) else State.MOVE):
             return trouble
-        if mode != Mode.SERVO and not self._read_only:
+        if mode != Mode.SERVO:
             return _STATES[State.MODE_CHANGED]
         return NO_TROUBLE
 

@@ -105,7 +105,7 @@ def ask_version(facts: dict[str, Any]) -> Script:
         text = reply.data.partition(b"\0")[0].decode("ascii", "replace")
         parts = text.split(",")
         if len(parts) >= 5 and parts[0].isdigit() and parts[1].isdigit():
-            facts["model"] = f"UFACTORY, {parts[0]} axes, type {parts[1]}"
+            facts["robot"] = f"UFACTORY, {parts[0]} axes, type {parts[1]}"
             facts["serial"], facts["firmware"] = parts[2], parts[4]
             return
         yield Wait(VERSION_PAUSE_S)

@@ -1,6 +1,6 @@
-"""Sensor kind `xarm`: the force sensor of an xArm, over the ports of its control box.
+"""Sensor kind `xarm-force`: the force sensor of an xArm, over the ports of its control box.
 
-With the robot of the same kind, the emulated control box of the robot reads the sensor. With another robot, the sensor
+With the robot `xarm`, the emulated control box of the robot reads the sensor. With another robot, the sensor
 has a box of its own, whose arm stands.
 """
 
@@ -55,7 +55,7 @@ def _other_wires(url: str, settings: _Settings) -> Sequence[WireUrl]:
 
 
 SENSOR = SensorKind(
-    "xarm",
+    "xarm-force",
     "Force sensor of a UFACTORY xArm, over its control box",
     ForceSettings,
     _connect,
@@ -63,5 +63,6 @@ SENSOR = SensorKind(
     parse=lambda url, settings: parse_address(url).command,
     describe=describe,
     period=lambda settings: settings.client.cycle_s,
+    section="xarm",
     other_wires=_other_wires,
 )

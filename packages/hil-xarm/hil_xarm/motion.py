@@ -93,11 +93,6 @@ class Motion:
         return self._line is None and self.set_point == self._goal and self.set_speeds == _STILL
 
     @property
-    def is_still(self) -> bool:
-        """Whether the arm is stationary at its set points."""
-        return self.is_done and self._rates == _STILL and self._next == self.set_point
-
-    @property
     def speeds(self) -> PerAxis:
         """Speeds of the joints, degrees/s."""
         return self._rates

@@ -26,19 +26,21 @@ Settings = KindSettings[XarmSettings, XarmProfile]
 
 async def connect(url: str, settings: Settings, wiring: Wiring) -> StreamedLink[Any]:
     """Connect to the control box, without starting the link. Errors as for `RobotKind.connect`."""
-    return await _open(url, settings, wiring, read_only=False)
+    client = XarmClient(settings.client, wiring.clock.now())
+    return await _link(url, settings, wiring, client)
 
 
-async def _open(url: str, settings: Settings, wiring: Wiring, read_only: bool) -> StreamedLink[Any]:
+async def _link(url: str, settings: Settings, wiring: Wiring, client: XarmClient) -> StreamedLink[Any]:
     wires = await open_wires(url, wiring)
-    client = XarmClient(settings.client, wiring.clock.now(), read_only)
     bundle: Bundle[Port] = Bundle(url, wires, Port.COMMAND, client.farewell)
     return StreamedLink(bundle, client, facts(url, settings), wiring.clock, wiring.log)
 
 
 async def probe(url: str, settings: Settings, wiring: Wiring) -> ProbeResult:
     """Probe a control box. Nothing is enabled, set or cleared."""
-    return await probe_link(url, lambda wiring: _open(url, settings, wiring, read_only=True), wiring)
+    client = XarmClient(settings.client, wiring.clock.now(), read_only=True)
+    result = await probe_link(url, lambda wiring: _link(url, settings, wiring, client), wiring)
+    return ProbeResult((*client.facts.items(), *result.rows[1:]), result.refusals)
 
 
 def facts(url: str, settings: Settings) -> RobotFacts:
