@@ -14,8 +14,8 @@ HEADER = struct.Struct(">HHH")
 STEPS = 400
 host, port, real_port = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 mode = sys.argv[4] if sys.argv[4:] else ""
-command = socket.create_connection((host, port), 3.0)
-reports = socket.create_connection((host, real_port), 3.0)
+command = socket.create_connection((host, port), 10.0)
+reports = socket.create_connection((host, real_port), 10.0)
 number = 0
 
 

@@ -104,7 +104,7 @@ def test_silence_keeps_the_last_target() -> None:
 
 @pytest.mark.parametrize("error", [60, 24])
 def test_tool_beyond_its_speed_stops_with_an_error(error: int) -> None:
-    desk = Desk(XarmProfile(speed_error=error, **OFF))  # type: ignore[arg-type]
+    desk = Desk(XarmProfile(speed_error=error, **OFF))
     desk.prepare()
     for k in range(1, 20):
         reply = desk.servo(400.0 - 12.0 * k, -100.0, 200.0)

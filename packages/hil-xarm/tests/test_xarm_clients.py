@@ -240,7 +240,7 @@ def test_sensor_is_switched_on_and_its_raw_values_are_passed_on() -> None:
 def test_host_subtracts_the_zero_and_the_box_keeps_its_own() -> None:
     pair = force_pair()
     pair.run(0.3)
-    pair.client.zero()  # type: ignore[union-attr]
+    pair.client.zero()
     pair.run(0.3)
     assert len(pair.events_of(Zeroed)) == 1
     assert frames(pair)[-1].values == pytest.approx((0.0,) * 6, abs=1e-6)
@@ -278,7 +278,7 @@ def test_sensor_that_cannot_be_read_ends_the_session() -> None:
 
 def test_box_that_reports_no_forces_is_refused() -> None:
     pair = Pair(ForceClient(ForceSettings(settle_s=0.0), T0), sensor=False)
-    pair.box.fail = lambda error: None  # type: ignore[method-assign]
+    pair.box.fail = lambda error: None
     pair.run(0.2)
     assert pair.events_of(SensorFailed)[0].text == "its real reports contain no force"
 
