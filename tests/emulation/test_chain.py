@@ -62,7 +62,7 @@ def test_pose_without_joints_in_their_ranges_is_refused(place: Vector) -> None:
     assert ARM.nearest(Pose(place, (0.0, 1.0, 0.0, 0.0)), JOINTS) is None
 
 
-def test_tool_is_found_from_a_reported_pose() -> None:
+def test_tool_follows_from_a_reported_pose() -> None:
     tool = tool_on(ARM.flange(JOINTS), ARM.pose(JOINTS))
     assert tool.position == pytest.approx((0.0, 0.0, 0.2))
     assert ARM.tip_of(ARM.flange_of(ARM.pose(JOINTS))).position == pytest.approx(ARM.pose(JOINTS).position)

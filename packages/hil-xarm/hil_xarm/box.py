@@ -13,7 +13,7 @@ import numpy as np
 
 from emulators.arm.reported_pose import ReportedPose
 from emulators.faults.own import OwnFaults
-from emulators.orders import Hindrance, Orders
+from emulators.orders import Hindrance, Orders, ReceivedOrder
 from emulators.seams import ContactSource, StartPose
 from emulators.unmodelled import Unmodelled
 from hil_xarm.codes import Error, Warning, error_text
@@ -160,6 +160,10 @@ class Box:
         self._queue.clear()
         self.motion.halt()
 
+    def report_order(self, order: ReceivedOrder) -> None:
+        """Report an order to the judge."""
+        self.orders.tell(order)
+
     def hindrance(self, now: float) -> Hindrance | None:
         """Return why servo targets do not move the arm; None if they do."""
         if self.faults.holds("stands", now):
@@ -235,10 +239,10 @@ class Box:
         pose = self.pose_of(joints)
         if not self.reported.wrong:
             return pose, joints
-        told = self.reported.told(pose, now)
-        if told is None or math.isnan(told.position[0]):
+        wrong = self.reported.told(pose, now)
+        if wrong is None or math.isnan(wrong.position[0]):
             return _NOWHERE, (math.nan,) * 6
-        return told, (self.joints_of(told) or joints) if told != pose else joints
+        return wrong, (self.joints_of(wrong) or joints) if wrong != pose else joints
 
     def _measured(self, at: float) -> Pose:
         times = np.array([at])

@@ -49,12 +49,12 @@ class XarmClient(Mailbox[Piece, StreamEvent]):
         self._dialogue = Dialogue(settings.answer_s, settings.keep_alive_s)
         self._frames, self._reports = FrameReader(), ReportReader()
         self.facts: dict[str, Any] = {}
-        """What the box has told about itself."""
+        """What the box has reported about itself."""
         self._script: Script | None = self._run()
         self._resume_at = self._ready_by = math.inf
         self._lost = NO_TROUBLE
         self._error = 0
-        """Newest error that the box has told."""
+        """Newest error that the box has reported."""
         self._asks_error = self._was_stopped = False
         """Whether the error is to be asked for, and whether the newest report shows a stop."""
         self._is_ready = False

@@ -86,7 +86,7 @@ class Commands:
                 box.warning, bits = Warning.UNKNOWN_COMMAND, Bit.INVALID
         except RemoteProtocolError as error:
             box.warning = Warning.PARAMETER
-            box.orders.tell(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
+            box.report_order(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
         bits |= Bit(0) if box.is_ready else Bit.NOT_READY
         bits |= Bit.WARNING if box.warning else Bit(0)
         bits |= Bit.ERROR if box.error else Bit(0)
@@ -114,7 +114,7 @@ class Commands:
 
     def _clear_error(self, data: bytes, now: float) -> Answer:
         if self._box.error:
-            self._box.orders.tell(ReceivedOrder(now, Act.RELEASE, "clear error", True))
+            self._box.report_order(ReceivedOrder(now, Act.RELEASE, "clear error", True))
         self._box.clear_error()
         return b""
 
@@ -131,12 +131,12 @@ class Commands:
 
     # --- motions
 
-    def _tell(self, now: float, pose: Pose | None, text: str, acts: bool) -> None:
+    def _report_motion(self, now: float, pose: Pose | None, text: str, acts: bool) -> None:
         box = self._box
         if box.orders.listener is not None:
             chain = box.motion.chain
             at = None if pose is None else chain.tip_of(self._flange_of(pose))
-            box.orders.tell(ReceivedOrder(now, Act.MOTION, text, acts, at, reach=self._reach))
+            box.report_order(ReceivedOrder(now, Act.MOTION, text, acts, at, reach=self._reach))
 
     def _flange_of(self, pose: Pose) -> Pose:
         joints = self._box.joints_of(pose)
@@ -158,7 +158,7 @@ class Commands:
     def _servo(self, joints: PerAxis | None, pose: Pose, now: float) -> None:
         box = self._box
         acts = box.is_ready and box.mode == Mode.SERVO and box.state != State.PAUSED
-        self._tell(now, pose, "servo target", acts and not box.faults.holds("stands", now))
+        self._report_motion(now, pose, "servo target", acts and not box.faults.holds("stands", now))
         box.servo(joints)
 
     def _move_line(self, data: bytes, now: float) -> Answer:
@@ -190,11 +190,11 @@ class Commands:
         self._plan(now, box.pose_of(joints), lambda: box.motion.move_joints(joints, pace))
 
     def _plan(self, now: float, pose: Pose, motion: Callable[[], object]) -> None:
-        taken = self._box.plan(motion)
+        accepted = self._box.plan(motion)
         chain = self._box.motion.chain
         reach = self._reach._replace(plans_own_path=True)
         at = chain.tip_of(self._flange_of(pose))
-        self._box.orders.tell(ReceivedOrder(now, Act.MOTION, "planned motion", taken, at, reach=reach))
+        self._box.report_order(ReceivedOrder(now, Act.MOTION, "planned motion", accepted, at, reach=reach))
 
     # --- settings of the tool
 

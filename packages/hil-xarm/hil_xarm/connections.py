@@ -46,13 +46,13 @@ class CommandConnection:
         try:
             for frame in self._reader.feed(data):
                 if frame.protocol == HEARTBEAT:
-                    self._box.orders.tell(ReceivedOrder(now, Act.CONTACT, "heartbeat", True))
+                    self._box.report_order(ReceivedOrder(now, Act.CONTACT, "heartbeat", True))
                     continue
                 self._stalls.arrive(now)
                 at = max(now + self._box.profile.answer_ms / 1e3, self._stalls.until)
                 self._waiting.append((at, frame))
         except RemoteProtocolError as error:
-            self._box.orders.tell(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
+            self._box.report_order(ReceivedOrder(now, Act.UNREADABLE, str(error), False))
             self.closing = True
 
     def next_event(self) -> None:

@@ -50,7 +50,6 @@ class ForceClient(Outbox[Piece]):
         self._clock = ArrivalClock()
         self._count = self._zeros = 0
         """Numbers of reports, and of consecutive reports with only zeros."""
-        self._heard_at = now
         self._advance(None, now)
 
     # --- Endpoint

@@ -102,11 +102,12 @@ class Motion:
         self._line, self._goal, self._paces = None, joints, (self._fastest,) * 6
 
     def move_joints(self, joints: PerAxis, pace: Pace) -> None:
-        """Move to these joints together, the one with the longest way at this pace."""
-        ways = [abs(to - at) for to, at in zip(joints, self.set_point, strict=True)]
-        most = max(*ways, 1e-9)
+        """Move to these joints together, the one with the longest path at this pace."""
+        distances = [abs(to - at) for to, at in zip(joints, self.set_point, strict=True)]
+        most = max(*distances, 1e-9)
         self._line, self._goal = None, joints
-        self._paces = tuple(Pace(*(max(part * way / most, 1e-6) for part in pace)) for way in ways)
+        shares = [distance / most for distance in distances]
+        self._paces = tuple(Pace(*(max(part * share, 1e-6) for part in pace)) for share in shares)
 
     def move_line(self, goal: Pose, pace: Pace) -> None:
         """Move the tool straight to a pose."""
@@ -154,8 +155,8 @@ class Motion:
     def _step_line(self, line: Line) -> None:
         """Move the set points along a straight path; where no joints hold the tool, the motion ends."""
         here, cycle = self._set_pose, self._cycle
-        way = math.dist(here.position, line.goal.position)
-        ending = math.sqrt(2.0 * line.pace.acceleration * max(way, 1e-6))
+        length = math.dist(here.position, line.goal.position)
+        ending = math.sqrt(2.0 * line.pace.acceleration * max(length, 1e-6))
         self._line_speed = min(self._line_speed + line.pace.acceleration * cycle, line.pace.speed, ending)
         step = self._line_speed * cycle
         after = towards(here, line.goal, step, _TURN_RAD_S * cycle)
@@ -192,11 +193,11 @@ class Motion:
 
 def _towards(at: float, speed: float, goal: float, pace: Pace, cycle: float) -> tuple[float, float]:
     """Return position and speed one cycle later, from which a joint can stop at its goal."""
-    way, change = goal - at, pace.acceleration * cycle
-    if abs(way) <= change * cycle and abs(speed) <= 2.0 * change:
+    distance, change = goal - at, pace.acceleration * cycle
+    if abs(distance) <= change * cycle and abs(speed) <= 2.0 * change:
         return goal, 0.0
-    ending = math.sqrt(change * change / 4.0 + 2.0 * pace.acceleration * abs(way)) - change / 2.0
-    wish = math.copysign(min(pace.speed, ending), way)
+    ending = math.sqrt(change * change / 4.0 + 2.0 * pace.acceleration * abs(distance)) - change / 2.0
+    wish = math.copysign(min(pace.speed, ending), distance)
     speed = max(speed - change, min(speed + change, wish))
     return at + speed * cycle, speed
 

@@ -123,7 +123,7 @@ class XarmRobot:
             inner = ReportConnection(self.box, port, now, None if sensor is None else sensor.report)
         if sensor is not None:
             return sensor.cable.open(inner, port, now)
-        self.box.orders.tell(ReceivedOrder(now, Act.CONTACT, f"connection to the {port} port", True))
+        self.box.report_order(ReceivedOrder(now, Act.CONTACT, f"connection to the {port} port", True))
         return self.cable.open(inner, port, now)
 
     def leave(self, port: Port, server: Server, now: float) -> None:

@@ -58,7 +58,7 @@ class XarmSettings:
     keep_alive_s: float = setting(
         10.0,
         Mark.DERIVED,
-        "time without a command after which the state is asked for; the maker's client asks after 30 s",
+        "time without a command after which the state is requested; the maker's client waits for 30 s",
         above(0.0, 30.0),
         unit="s",
     )

@@ -56,10 +56,10 @@ time.sleep(0.1)
 start = newest_pose()
 for step in range(1, STEPS + 1):
     newest_pose()
-    way = 5.0 * (1.0 - math.cos(2.0 * math.pi * step / STEPS))
+    offset = 5.0 * (1.0 - math.cos(2.0 * math.pi * step / STEPS))
     if mode == "leaps" and step == STEPS // 2:
-        way += 60.0
-    pose = (start[0], start[1] + way, *start[2:])
+        offset += 60.0
+    pose = (start[0], start[1] + offset, *start[2:])
     state, _ = ask(30, struct.pack("<9f", *pose, 0.0, 0.0, 0.0))
     if state & 0x50 and mode == "clears":
         ask(16)

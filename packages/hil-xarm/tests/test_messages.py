@@ -148,8 +148,8 @@ def test_reports_of_another_size_are_refused() -> None:
 
 
 def test_report_that_was_cut_off_is_dropped() -> None:
-    reader, whole = ReportReader(), REAL.encode({"raw": (1.0,) * 6})
-    list(reader.feed(whole))
-    assert list(reader.feed(whole[:60])) == []
-    assert list(reader.feed(whole)) == [whole]
+    reader, complete = ReportReader(), REAL.encode({"raw": (1.0,) * 6})
+    list(reader.feed(complete))
+    assert list(reader.feed(complete[:60])) == []
+    assert list(reader.feed(complete)) == [complete]
     assert reader.cut == 1

@@ -84,7 +84,7 @@ def test_error_before_the_run_is_cleared() -> None:
     assert reports(pair)[0].fault == ""
 
 
-def test_error_that_remains_is_told_with_its_number() -> None:
+def test_error_that_remains_is_reported_with_its_number() -> None:
     pair = robot_pair()
     pair.box.press_stop(T0)
     pair.run(0.1)
@@ -131,7 +131,7 @@ def test_each_report_is_answered_once_with_a_pose() -> None:
     assert pair.report["pose"][1] == pytest.approx(-90.0, abs=1e-3)
 
 
-def test_way_between_two_poses_keeps_the_limits() -> None:
+def test_step_between_two_poses_keeps_the_limits() -> None:
     settings = XarmSettings(speed_mm_s=50.0, acceleration_mm_s2=1000.0)
     pair = robot_pair(settings)
     begun(pair)
@@ -170,7 +170,7 @@ def test_stall_sends_nothing_more_and_goes_on_without_a_leap() -> None:
     assert not pair.events_of(StreamLost)
 
 
-def test_error_in_a_movement_is_told_and_nothing_more_is_ordered() -> None:
+def test_error_in_a_movement_is_reported_and_nothing_more_is_ordered() -> None:
     pair = robot_pair()
     begun(pair)
     pair.run(0.1, follow(pair, START))
@@ -185,7 +185,7 @@ def test_error_in_a_movement_is_told_and_nothing_more_is_ordered() -> None:
     ("fault", "text"),
     [("stopped", "it is stopped"), ("paused", "it is paused"), ("mode-changed", "its mode was changed")],
 )
-def test_intervention_of_another_program_is_told(fault: str, text: str) -> None:
+def test_intervention_of_another_program_is_reported(fault: str, text: str) -> None:
     pair = robot_pair()
     begun(pair)
     pair.inject("robot", fault)
