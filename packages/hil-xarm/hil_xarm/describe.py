@@ -35,7 +35,11 @@ _DATA_BYTES: Mapping[int, tuple[int, ...]] = {
     Function.FORCE_ENABLE: (1,),
     Function.FORCE_ZERO: (0,),
 }
-"""Numbers of data bytes of a request. The same bytes as a reply have the state as their first data byte."""
+"""Numbers of data bytes of a request. A reply has the state as its first data byte."""
+_LARGEST = 7
+"""Largest mode, state or switch in a request with one byte of data. A larger byte is the state of a reply. A smaller
+one can be either, because the bits of a state are 8 and more, or none.
+"""
 
 
 def describe(raw: bytes) -> list[dict[str, Any]]:
@@ -83,18 +87,28 @@ def _frame(raw: bytes) -> dict[str, Any]:
 
 
 def _is_reply(frame: Frame) -> bool:
-    """Return whether a frame is a reply: its data do not have the length of a request of this function, or a request
-    without data has one byte, the state.
+    """Return whether a frame is a reply: its data do not have the length of a request of this function, or its only
+    byte can be a state alone.
     """
     length = len(frame.body) - 1
+    if _is_ambiguous(frame):
+        return False
     known = _DATA_BYTES.get(frame.body[0])
-    return length not in known if known is not None else length == 1
+    return length == 1 if known is None else length not in known or (length == 1 and 1 in known)
+
+
+def _is_ambiguous(frame: Frame) -> bool:
+    """Return whether a frame can be a request or a reply."""
+    known = _DATA_BYTES.get(frame.body[0], ())
+    return len(frame.body) == 2 and 1 in known and frame.body[1] <= _LARGEST
 
 
 def _request(frame: Frame) -> dict[str, Any]:
     request = frame.as_request()
     fields = [_field("transaction", request.transaction)]
     fields += _values(request.function, request.data, _REQUEST_FLOATS)
+    if _is_ambiguous(frame):
+        return _message(f"{_name(request.function)}, or its reply", "", fields, [])
     return _message(_name(request.function), _TO_ROBOT, fields, [])
 
 

@@ -96,7 +96,7 @@ def test_client_that_keeps_the_rules_passes(hil_conform: Callable[..., Any]) -> 
 @pytest.mark.parametrize(
     ("mode", "scenario", "reason"),
     [
-        ("leaps", "nominal", "the robot stopped: error 60, speed of the tool"),
+        ("leaps", "nominal", "1 of its orders leap, by up to 60.0 mm"),
         ("deaf", "stopped", "motion orders after the stop"),
         ("clears", "stopped", "released the stop without an operator: clear error"),
     ],
@@ -178,6 +178,10 @@ def test_frames_of_both_directions_are_described() -> None:
     assert first["fields"][1]["value"] == [400.0, -100.0, 200.0, 0.0, 0.0, 0.0]
     assert (second["message"], second["direction"]) == ("reply to servo pose", "from robot")
     assert second["problems"] == ["error"]
+    (ready,) = describe(Reply(3, 2, Function.SET_MODE, 0x10).encode())
+    assert (ready["message"], ready["fields"][1]["value"]) == ("reply to set mode", "not ready")
+    (either,) = describe(Request(3, 2, Function.SET_STATE, b"\0").encode())
+    assert (either["message"], either["direction"]) == ("set state, or its reply", "")
     (error,) = describe(Reply(2, 2, Function.ERROR, 0x40, bytes((60, 0))).encode())
     assert error["problems"] == ["error", "error 60, speed of the tool beyond the limit in servo mode"]
 
