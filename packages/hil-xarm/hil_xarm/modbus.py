@@ -12,8 +12,6 @@ from hil_xarm.box import Box
 from hil_xarm.frames import Frame, State
 from protocol.geometry import rotation_vector
 
-READ_COILS, READ_INPUTS, READ_HOLDING, READ_REGISTERS = 1, 2, 3, 4
-WRITE_COIL, WRITE_REGISTER, WRITE_REGISTERS = 5, 6, 16
 _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE = 1, 2, 3
 _MODE, _STATE = 32, 33
 _COUNT_MAX = 125
@@ -45,20 +43,20 @@ def _carry_out(box: Box, function: int, data: bytes, now: float) -> bytes:
         raise _Refused(_ILLEGAL_VALUE)
     address, count = int.from_bytes(data[:2], "big"), int.from_bytes(data[2:4], "big")
     match function:
-        case 1:
+        case 1:  # read coils
             values = [int(value) for value in _read(_coils(box), address, count)]
             octets = bytes(
                 sum(bit << k for k, bit in enumerate(values[at : at + 8])) for at in range(0, count, 8)
             )
             return bytes((len(octets),)) + octets
-        case 3 | 4:
-            table = _holding(box) if function == READ_HOLDING else _registers(box, now)
+        case 3 | 4:  # read holding registers, input registers
+            table = _holding(box) if function == 3 else _registers(box, now)
             words = [value.to_bytes(2, "big", signed=True) for value in _read(table, address, count)]
             return bytes((2 * count,)) + b"".join(words)
-        case 6:
+        case 6:  # write a register
             _write(box, address, count)
             return data[:4]
-        case 16:
+        case 16:  # write registers
             if len(data) < 5 + 2 * count:
                 raise _Refused(_ILLEGAL_VALUE)
             for k in range(count):

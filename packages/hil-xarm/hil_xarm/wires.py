@@ -11,6 +11,7 @@
 
 from dataclasses import dataclass
 
+from hil_bridge.devices.client_port import Accept
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport
@@ -53,8 +54,13 @@ def parse_address(url: str) -> Address:
     parsed = parse_url(wire, CONNECT)
     if parsed.scheme == "memory":
         return Address(parsed, f"{_in_memory(parsed.target, Port.REAL)}{mark}{options}")
-    host = head.partition("://")[2].rpartition(":")[0] if wire.partition("?")[0] == head else head[6:]
+    host = _bracketed(parsed.host_port[0])
     return Address(parsed, f"tcp://{host}:{text or NUMBERS[Port.REAL]}{mark}{options}")
+
+
+def _bracketed(host: str) -> str:
+    """Return a host in the notation of a URL."""
+    return f"[{host}]" if ":" in host else host
 
 
 def _in_memory(name: str, port: Port) -> str:
@@ -108,7 +114,7 @@ async def serve_box(url: str, robot: XarmRobot, serving: Serving, sensor: ForceS
     return command if int(number) == NUMBERS[Port.REAL] else with_option(command, OPTION, number)
 
 
-def _acceptor(robot: XarmRobot, port: Port, sensor: ForceSensor | None):  # type: ignore[no-untyped-def]
+def _acceptor(robot: XarmRobot, port: Port, sensor: ForceSensor | None) -> Accept:
     def accept(wire: Transport[bytes], now: float) -> _Client | None:
         server = robot.connect(port, now, sensor)
         return None if server is None else _Client(robot, port, server)
@@ -122,4 +128,4 @@ def _listening(parsed: WireUrl, port: Port) -> str:
     host, number = parsed.host_port
     if port is not Port.COMMAND:
         number = NUMBERS[port] if number == NUMBERS[Port.COMMAND] else 0
-    return f"tcp-listen://{f'[{host}]' if ':' in host else host}:{number}"
+    return f"tcp-listen://{_bracketed(host)}:{number}"
