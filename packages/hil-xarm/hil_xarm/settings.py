@@ -43,7 +43,7 @@ class XarmSettings:
         unit="ms",
     )
     clears_error: bool = setting(
-        True, Mark.CHOSEN, "an error is cleared at the start of a run, as at its end an operator restarts it"
+        True, Mark.CHOSEN, "an error is cleared at the start of a run, because an operator starts it"
     )
     answer_s: float = setting(
         2.0, Mark.OBSERVED, "time limit for an answer; that of the maker's client", at_least(0.1), unit="s"
