@@ -26,6 +26,7 @@ from emulators.seams import (
     ArmPath,
     EmulatedRobot,
     EmulatedSensor,
+    EquippedRobot,
     FeelingRobot,
     Floats,
     Joints,
@@ -186,11 +187,7 @@ class Cell(Generic[Robot, Sensor]):
         self.path.on_change = self._on_path_change
         self.sensor = parts.sensor(self, now, seed)
         """Emulated sensor, powered up with the cell."""
-        robot: object = self.robot
-        if isinstance(robot, FeelingRobot):
-            robot.feel(self._contact_at)
-        if isinstance(robot, LoadedRobot):
-            robot.carry(profile.tool.mass_kg, (u / 1000.0, v / 1000.0, w / 1000.0))
+        self._equip_robot((u / 1000.0, v / 1000.0, w / 1000.0))
         self.ledger = Ledger({**parts.faults, **OWN_FAULTS, **parts.faults})
         """Ledger of the cell's faults: known, injected and active faults."""
         for device in (self.robot, self.sensor):
@@ -198,6 +195,16 @@ class Cell(Generic[Robot, Sensor]):
                 self.ledger.attach(target, handlers)
         self.ledger.attach("surface", self._surface.handlers)
         self.ledger.attach("obstacle", self._obstacles.handlers)
+
+    def _equip_robot(self, centre: Vector) -> None:
+        """Pass contact force, sensor and load to a robot that uses them. `centre` is the centre of gravity, m."""
+        robot: object = self.robot
+        if isinstance(robot, FeelingRobot):
+            robot.feel(self._contact_at)
+        if isinstance(robot, EquippedRobot):
+            robot.equip(self.sensor)
+        if isinstance(robot, LoadedRobot):
+            robot.carry(self._profile.tool.mass_kg, centre)
 
     def _compliant_path(self, sensor: SensorStiffness | None) -> CompliantPath | None:
         """Return the path of the tool on a compliant arm; None if the arm is rigid.

@@ -140,6 +140,14 @@ class LoadedRobot(Protocol):
 
 
 @runtime_checkable
+class EquippedRobot(Protocol):
+    """Robot whose controller reads a force sensor itself, and serves it. The cell passes its sensor at power-up."""
+
+    def equip(self, sensor: object) -> None:
+        """Connect the sensor of the cell, if it is one that this controller reads."""
+
+
+@runtime_checkable
 class ArticulatedRobot(Protocol):
     """Robot whose arm is compliant in its joints."""
 

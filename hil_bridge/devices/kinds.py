@@ -102,6 +102,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """Returns settings for which the emulated robot has the latency of a recorded robot, for the command
     ``hil-bridge latency -o``. None if not supported.
     """
+    cell: Mapping[str, Any] = field(default_factory=dict)
+    """Defaults of the section `[cell]`, as nested tables, for a robot that cannot reach the default start pose."""
 
 
 @dataclass(frozen=True, slots=True)

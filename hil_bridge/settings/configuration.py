@@ -39,7 +39,15 @@ from hil_bridge.devices.kinds import (
 from hil_bridge.errors import ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_value, read_toml
 from hil_bridge.settings.faults import FaultConfig
-from hil_bridge.settings.kinds import USUAL_ROBOT, USUAL_SENSOR, Chosen, cell_with, chosen_in, section_with
+from hil_bridge.settings.kinds import (
+    USUAL_ROBOT,
+    USUAL_SENSOR,
+    Chosen,
+    cell_with,
+    chosen_in,
+    section_with,
+    with_cell_defaults,
+)
 from hil_bridge.settings.places import resolve_files
 from hil_bridge.settings.program import (
     STEPS_HINT,
@@ -351,7 +359,7 @@ def read_config(values: Mapping[str, Any]) -> Config:
 
     Raises pydantic's ValidationError, or ConfigError for a kind whose package is broken.
     """
-    return _config_class(chosen_in(values)).model_validate(values)
+    return _config_class(chosen_in(values)).model_validate(with_cell_defaults(values))
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:

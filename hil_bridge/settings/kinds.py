@@ -51,6 +51,24 @@ def chosen_in(values: Mapping[str, Any]) -> Chosen:
     )
 
 
+def with_cell_defaults(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a configuration with the defaults of the cell that its emulated robot brings, if it names one."""
+    robot, cell = _table(values, "robot").get("emulated"), values.get("cell", {})
+    emulation = ROBOTS.kind(robot).emulation if isinstance(robot, str) and robot in ROBOTS.names else None
+    if emulation is None or not isinstance(cell, Mapping):
+        return values
+    return {**values, "cell": _laid_under(cell, emulation.cell)}
+
+
+def _laid_under(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables with a default for each missing value."""
+    merged = {**defaults, **values}
+    for name, default in defaults.items():
+        if isinstance(default, Mapping) and isinstance(own := values.get(name), Mapping):
+            merged[name] = _laid_under(own, default)
+    return merged
+
+
 def _emulated(section: Mapping[str, Any], usual: str) -> object:
     return section.get("emulated", None if section.get("url") else usual)
 

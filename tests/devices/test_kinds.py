@@ -343,6 +343,27 @@ def test_plugin_can_sensor_has_bus_faults(tmp_path: Path, monkeypatch: pytest.Mo
             read_config({"sensor": {"emulated": kind}, "faults": [cut]})
 
 
+SMALL_ROOM = """
+from dataclasses import replace
+from hil_bridge.devices.robots.egm.room import ROBOT
+CELL = {"start_position_mm": [400, -100, 200], "surface": {"height_mm": 190, "origin_x_mm": 400}}
+ROBOT = replace(ROBOT, name="small", emulation=replace(ROBOT.emulation, cell=CELL))
+"""
+
+
+def test_robot_of_short_reach_brings_its_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "small_room.py").write_text(SMALL_ROOM)
+    installed(tmp_path, "[hil_bridge.robots]\nsmall = small_room:ROBOT\n", monkeypatch)
+    cell = read_config({"robot": {"emulated": "small"}}).cell
+    assert cell.start_position_mm == (400.0, -100.0, 200.0)
+    assert (cell.surface.height_mm, cell.surface.origin_x_mm) == (190.0, 400.0)
+    given = {"surface": {"height_mm": 180.0}, "start_position_mm": [410.0, 0.0, 200.0]}
+    cell = read_config({"robot": {"emulated": "small"}, "cell": given}).cell
+    assert cell.start_position_mm == (410.0, 0.0, 200.0)
+    assert (cell.surface.height_mm, cell.surface.origin_x_mm) == (180.0, 400.0)
+    assert read_config({"robot": {"emulated": "egm"}}).cell.surface.height_mm == 590.0
+
+
 @pytest.mark.usefixtures("toys")
 def test_plugin_robot_supports_conform_and_panel_faults() -> None:
     trial = make_trial(cell_of("toyarm", None), Rules(), ["true"])

@@ -1,6 +1,7 @@
 """Tests of robot, tool, surface and sensor together: the force frames for a position of the robot."""
 
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from emulators.arm.history import History
 from emulators.arm.waypoints import Waypoint
+from emulators.cell import Cell, Parts
 from emulators.devices.jr3 import Gateway, GatewayProfile, SensorProfile
 from emulators.surface.contact import SurfaceProfile
 from emulators.tool import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
@@ -43,6 +45,22 @@ def read_frames(cell: PaperCell, begin: float, seconds: float) -> np.ndarray:
         frames.extend(gateway.data_to_send(due))
     counts = np.array([struct.unpack("<3hH", f.data)[:3] for f in frames if f.identifier == 0x601])
     return counts * np.array([115.0, 111.0, FULL_SCALE_FZ]) / 16384.0
+
+
+def test_robot_that_reads_a_sensor_receives_that_of_the_cell() -> None:
+    plain = s3_jr3_cell(PaperCellProfile(tool=NO_TOOL), T0, seed=5)
+    equipped: list[object] = []
+
+    class Reader:
+        def __getattr__(self, name: str) -> Any:
+            return getattr(plain.robot, name)
+
+        def equip(self, sensor: object) -> None:
+            equipped.append(sensor)
+
+    parts: Parts[Any, Any] = Parts(lambda *given: Reader(), lambda *given: plain.sensor)
+    Cell(PaperCellProfile(tool=NO_TOOL), T0, 5, parts)
+    assert equipped == [plain.sensor]
 
 
 def test_pressing_2_mm_into_sponge_reads_10_n() -> None:

@@ -15,8 +15,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from emulators.arm.chain import straight_tool, tool_on
 from hil_fanuc import rmi
-from hil_fanuc.arms import MODELS, FanucArm, Joints, from_pendant, straight_tool, to_pendant, tool_of
+from hil_fanuc.arms import MODELS, FanucArm, Joints, from_pendant, to_pendant
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.limits import AxisLimits, LimitTable
 from hil_fanuc.numbering import Numbering
@@ -324,7 +325,7 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         settings = self._settings
         if self._arm is None:
             plain = FanucArm(settings.model, straight_tool(0.0), settings.world_height_mm)
-            tool = tool_of(plain, joints, pose)
+            tool = tool_on(plain.face_plate(joints), pose)
             if math.hypot(*tool.position) > TOOL_MAX_M:
                 return self._wrong_arm()
             self._arm = FanucArm(settings.model, tool, settings.world_height_mm)

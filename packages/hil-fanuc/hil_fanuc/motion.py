@@ -4,10 +4,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from enum import Enum, auto
 
+from emulators.arm.chain import straight_tool
 from emulators.arm.cycled import CycledPath
 from emulators.arm.loops import PositionLoop
 from emulators.seams import StartPose
-from hil_fanuc.arms import FanucArm, Joints, straight_tool
+from hil_fanuc.arms import FanucArm, Joints
 from hil_fanuc.limits import JointLimiter
 from hil_fanuc.profile import FanucProfile
 from protocol.geometry import Pose, normalise
@@ -38,7 +39,7 @@ class Motion:
         self._cycle = profile.cycle_s
         self.arm = FanucArm(profile.model, straight_tool(start.tool_length))
         pose = Pose(start.position, normalise(start.quaternion))
-        joints = self.arm.holding(pose)
+        joints = self.arm.at_rest(pose)
         if joints is None:
             raise ValueError(
                 f"no joints of the {profile.model} hold the start pose; change start_position_mm or start_quaternion "

@@ -125,7 +125,7 @@ class Reporter:
         if pose is None:
             return _NO_NUMBERS
         arm = self._motion.arm
-        world = arm.in_world(pose if self._server.reports_tcp else arm.plate_of(pose))
+        world = arm.in_world(pose if self._server.reports_tcp else arm.flange_of(pose))
         x, y, z = world.position
         r, p, w = angles_of(world.quaternion)
         return nine((1e3 * x, 1e3 * y, 1e3 * z, w, p, r))

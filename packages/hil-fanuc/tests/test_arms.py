@@ -3,8 +3,9 @@
 import math
 
 import pytest
-from hil_fanuc.arms import MODELS, FanucArm, from_pendant, straight_tool, to_pendant, tool_of
+from hil_fanuc.arms import MODELS, FanucArm, from_pendant, to_pendant
 
+from emulators.arm.chain import straight_tool, tool_on
 from protocol.geometry import Pose, angle_between, angles_of, from_angles
 
 OBSERVED_JOINTS = (92.678, 2.595, -1.380, -45.464, -27.230, -11.037)
@@ -34,9 +35,8 @@ def test_tool_extends_along_z_of_the_face_plate() -> None:
 def test_tool_is_learnt_from_joints_and_pose() -> None:
     x, y, z = (part / 1e3 for part in OBSERVED_TIP)
     w, p, r = OBSERVED_PLATE[3:]
-    tool = tool_of(
-        FanucArm("crx-10ia/l", straight_tool(0.0)), OBSERVED_JOINTS, Pose((x, y, z), from_angles(r, p, w))
-    )
+    plate = FanucArm("crx-10ia/l", straight_tool(0.0)).face_plate(OBSERVED_JOINTS)
+    tool = tool_on(plate, Pose((x, y, z), from_angles(r, p, w)))
     assert tool.position == pytest.approx((0.0, 0.0, 0.175), abs=2e-5)
 
 
@@ -60,7 +60,7 @@ def test_inverse_kinematics_returns_the_pose(model: str, quaternion: tuple[float
     w, x, y, z = (part / norm for part in quaternion)
     pose = Pose((0.9, -0.1, 0.6), (w, x, y, z))
     arm = FanucArm(model, straight_tool(0.2))
-    joints = arm.holding(pose)
+    joints = arm.at_rest(pose)
     assert joints is not None
     assert math.dist(arm.pose(joints).position, pose.position) < 1e-8
     assert angle_between(arm.pose(joints).quaternion, pose.quaternion) < 1e-8
@@ -71,7 +71,7 @@ def test_inverse_kinematics_returns_the_pose(model: str, quaternion: tuple[float
 
 @pytest.mark.parametrize("position", [(2.5, 0.0, 0.5), (0.0, 0.0, 0.25)])
 def test_pose_out_of_reach_has_no_joints(position: tuple[float, float, float]) -> None:
-    assert FanucArm("crx-10ia/l", straight_tool(0.0)).holding(Pose(position, (0.0, 1.0, 0.0, 0.0))) is None
+    assert FanucArm("crx-10ia/l", straight_tool(0.0)).at_rest(Pose(position, (0.0, 1.0, 0.0, 0.0))) is None
 
 
 def test_torques_are_those_of_a_lever() -> None:

@@ -4,10 +4,11 @@ import itertools
 import math
 
 import pytest
-from hil_fanuc.arms import MODELS, FanucArm, straight_tool
+from hil_fanuc.arms import MODELS, FanucArm
 from hil_fanuc.limits import AxisLimits, find_breach
 from hil_fanuc.path_limiter import PathLimiter
 
+from emulators.arm.chain import straight_tool
 from protocol.geometry import Pose, Quaternion, angle_between, product, turn_about
 
 CYCLE = 0.008
@@ -23,7 +24,7 @@ def moved(goals: list[Pose], model: str = "crx-10ia/l") -> list[Pose]:
         AxisLimits(*values)
         for values in zip(own.speeds_deg_s, own.accelerations_deg_s2, own.jerks_deg_s3, strict=True)
     ]
-    joints = arm.holding(HOME)
+    joints = arm.at_rest(HOME)
     assert joints is not None
     limiter, poses = PathLimiter(arm, joints, CYCLE), []
     for goal in goals:
