@@ -20,7 +20,7 @@ def test_loop_closes_with_every_robot(robot: str) -> None:
     result = hil_bridge.simulate(SITE | {"robot": {"emulated": robot}, "cell": cell}, seed=7)
     assert result.outcome == "completed", result.text
     if robot != "s3":  # which takes longer to settle
-        assert result.figures.force_mean_steady_n == pytest.approx(10.0, abs=0.8)
+        assert result.figures.force_mean_steady_n == pytest.approx(10.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
