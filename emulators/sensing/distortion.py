@@ -92,7 +92,9 @@ class Distortion:
             load = loads[:, at - begin : end - begin]
             moved = follow(plays, load - self._thresholds, load + self._thresholds)
             risen = load - np.clip(load, -self._thresholds, self._thresholds)
-            result[:, at - begin : end - begin] = load + self._share * (_WEIGHTS * (moved - risen)).sum(axis=0)
+            result[:, at - begin : end - begin] = load + self._share * (_WEIGHTS * (moved - risen)).sum(
+                axis=0
+            )
             plays = moved[..., -1]
             self._store(end - 1, plays)
             at = end
