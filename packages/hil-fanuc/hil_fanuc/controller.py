@@ -34,6 +34,7 @@ from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from hil_fanuc.reporter import Reporter
 from hil_fanuc.rmi_interface import Interface
+from hil_fanuc.rmi_motions import RmiMotions
 from hil_fanuc.set_points import SetPoints
 from hil_fanuc.stiffness import JOINT_STIFFNESS, MODES
 from hil_fanuc.stream_server import StreamServer
@@ -59,7 +60,8 @@ class FanucController:
         self.server = StreamServer(profile, self.program, self._end_session)
         self.set_points = SetPoints(profile, self.program, self.server)
         self.motion = Motion(profile, start, now, self._decide)
-        self.set_points.motion = self.motion
+        self.rmi_motions = RmiMotions(profile, lambda: self.set_points.limits)
+        self.set_points.motion = self.rmi_motions.motion = self.motion
         self.path: ArmPath = self.motion.path
         self.begun_at = self.motion.path.begun_at
         self.reporter = Reporter(profile, self.motion, self.program, self.server, seed)
@@ -80,7 +82,7 @@ class FanucController:
     def handlers(self) -> Handlers:
         acts = {
             "servo-alarm": lambda at: self.program.alarms.raise_(SERVO_ALARM, at),
-            "program-aborted": lambda at: self.program.abort(),
+            "program-aborted": lambda at: self.abort(),
             "tasks-aborted": self.abort_tasks,
             "contact-stop": self._trip,
             "starves": self._starve,
@@ -202,6 +204,10 @@ class FanucController:
             self.motion.lock()
             self.server.buffer.clear()
             return self.motion.set_point
+        if self.rmi_motions.is_busy:
+            joints = self.rmi_motions.decide(at)
+            self.interface.push_done(self.rmi_motions.done)
+            return joints
         before = len(self.server.buffer)
         joints = self.set_points.decide(at)
         self.set_points.expects = False
@@ -247,9 +253,14 @@ class FanucController:
         self.reporter.contact_stop = ContactStop.NONE
         return True
 
+    def abort(self) -> None:
+        """Abort the TP programs."""
+        self.rmi_motions.clear()
+        self.program.abort()
+
     def abort_tasks(self, now: float) -> None:
         """Abort all tasks at the teach pendant: the server hangs until the power is cycled (observed)."""
-        self.program.abort()
+        self.abort()
         self.program.hangs = True
         self.interface.push_fault()
 
@@ -264,6 +275,7 @@ class FanucController:
         self.set_points.begin()
 
     def _on_alarm(self, text: str, now: float) -> None:
+        self.rmi_motions.clear()
         if not self.program.alarms:
             self.program.hold_by_alarm(now)
             self.interface.push_fault()
@@ -279,7 +291,7 @@ class FanucController:
         injection.strike(injection.injected_at)
         if injection.fault == "pendant-on":
             self.program.pendant_on = True
-            self.program.abort()
+            self.abort()
         else:
             self.program.press_stop(injection.injected_at)
 

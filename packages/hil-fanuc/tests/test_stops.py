@@ -48,10 +48,13 @@ def test_starved_program_continues_after_a_call() -> None:
     assert desk.report.joints[5] > place + 2.0
 
 
-def test_silence_is_detected_in_the_movement_after_a_last_command() -> None:
+def test_silence_is_detected_in_the_program_after_a_last_command() -> None:
     desk = started()
     desk.command(desk.robot.motion.set_point, last=True)
     desk.wait(0.3)
+    assert not desk.report.status & Status.READY
+    assert desk.call() == 0
+    desk.wait(1.1)
     assert desk.report.status & Status.READY
     desk.command(desk.robot.motion.set_point)
     desk.wait(0.3)
@@ -65,14 +68,6 @@ def test_old_software_stops_with_an_alarm_when_set_points_are_missing() -> None:
     assert alarms(desk) == []
     desk.tick(2)
     assert alarms(desk) == ["MOTN-603"]
-
-
-def test_last_command_ends_the_movement_without_an_alarm() -> None:
-    desk = started(OLD)
-    desk.command(desk.robot.motion.set_point, last=True)
-    desk.wait(1.0)
-    assert alarms(desk) == []
-    assert desk.report.status & Status.READY
 
 
 # --- stops
