@@ -29,7 +29,7 @@ async def connect(url: str, settings: Settings, wiring: Wiring) -> StreamedLink[
     """Connect to the controller, without starting the link. Errors as for `RobotKind.connect`."""
     wires = await connect_wires(url, wiring)
     client = FanucClient(settings.client, wiring.clock.now())
-    wires.farewell = client.farewell
+    wires.client = client
     return StreamedLink(wires, client, facts(url, settings), wiring.clock, wiring.log)
 
 

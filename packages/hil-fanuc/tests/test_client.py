@@ -153,21 +153,31 @@ def test_lateral_motion_keeps_the_depth() -> None:
     assert max(z) - min(z) < 5e-6
 
 
-def test_farewell_ends_program_and_stream() -> None:
-    pair = started()
+@pytest.mark.parametrize("refusals", ["smooth", "alarm"])
+def test_client_leaves_once_the_arm_is_at_rest(refusals: Any) -> None:
+    pair = started(FanucProfile(refusals=refusals))
+    pair.client.begin(pair.reports[-1].pose)
+    steer(pair, (5.0, 0.0, 0.0), 0.3)
+    count = len(pair.sent)
+    for piece in pair.client.leave():
+        pair.deliver(piece)
+    assert not pair.client.is_at_rest
+    while not pair.client.is_at_rest:
+        pair.run(0.008)
+    assert pair.robot.motion.fastest_deg_s <= 0.01
+    commands = [decode_to_robot(one.data) for one in pair.sent[count:] if _is_stream(one)]
+    assert [command.is_last for command in commands if isinstance(command, Command)] == [True]
+    assert pair.robot.program.alarms.active == []
     pieces = pair.client.farewell()
     kinds = [header_of(p.data).kind if _is_stream(p) else p.data for p in pieces if isinstance(p, Piece)]
-    assert kinds == [
-        Kind.COMMAND,
-        b'{"Command":"FRC_Abort"}\r\n',
-        Kind.STOP,
-        b'{"Communication":"FRC_Disconnect"}\r\n',
-    ]
-    first = pieces[0]
-    assert isinstance(first, Piece)
-    last = decode_to_robot(first.data)
-    assert isinstance(last, Command)
-    assert last.is_last
+    assert kinds == [b'{"Command":"FRC_Abort"}\r\n', Kind.STOP, b'{"Communication":"FRC_Disconnect"}\r\n']
+
+
+def test_client_of_a_lost_session_leaves_at_once() -> None:
+    pair = started()
+    pair.client.receive([Ended(Channel.SESSION, "reset")], pair.now)
+    assert pair.client.leave() == []
+    assert pair.client.is_at_rest
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
