@@ -139,7 +139,7 @@ class FanucArm:
         height of the world frame in the base frame; None for that of the model above its mounting face.
         """
         self.model = MODELS[model]
-        self._tool = tool
+        self.tool = tool
         self._links = [((x / 1e3, y / 1e3, z / 1e3), axis) for (x, y, z), axis in self.model.links]
         x, y, z = self.model.flange_mm
         self._flange: Vector = x / 1e3, y / 1e3, z / 1e3
@@ -157,13 +157,13 @@ class FanucArm:
 
     def tip_of(self, plate: Pose) -> Pose:
         """Return the pose of the tool that belongs to a pose of the face plate, in the same frame."""
-        tip = _sum(plate.position, rotate(plate.quaternion, self._tool.position))
-        return Pose(tip, product(plate.quaternion, self._tool.quaternion))
+        tip = _sum(plate.position, rotate(plate.quaternion, self.tool.position))
+        return Pose(tip, product(plate.quaternion, self.tool.quaternion))
 
     def plate_of(self, tip: Pose) -> Pose:
         """Return the pose of the face plate that belongs to a pose of the tool, in the same frame."""
-        turned = product(tip.quaternion, inverse(self._tool.quaternion))
-        x, y, z = rotate(turned, self._tool.position)
+        turned = product(tip.quaternion, inverse(self.tool.quaternion))
+        x, y, z = rotate(turned, self.tool.position)
         return Pose(_sum(tip.position, (-x, -y, -z)), turned)
 
     def in_world(self, pose: Pose) -> Pose:
@@ -234,12 +234,12 @@ class FanucArm:
             axes.append(rotate(turned, axis))
             turned = product(turned, turn_about(axis, math.radians(angle)))
         flange, quaternion = _sum(position, rotate(turned, self._flange)), product(turned, _FLANGE)
-        tip = _sum(flange, rotate(quaternion, self._tool.position))
+        tip = _sum(flange, rotate(quaternion, self.tool.position))
         jacobian = np.empty((6, 6))
         for k, (place, axis) in enumerate(zip(places, axes, strict=True)):
             (x, y, z), (a, b, c) = axis, (t - p for t, p in zip(tip, place, strict=True))
             jacobian[:, k] = y * c - z * b, z * a - x * c, x * b - y * a, x, y, z
-        return Pose(tip, product(quaternion, self._tool.quaternion)), jacobian
+        return Pose(tip, product(quaternion, self.tool.quaternion)), jacobian
 
 
 def tool_of(arm: FanucArm, joints: Joints, reported: Pose) -> Pose:

@@ -19,6 +19,7 @@ from hil_fanuc import rmi
 from hil_fanuc.arms import MODELS, FanucArm, Joints, from_pendant, straight_tool, to_pendant, tool_of
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.limits import AxisLimits, LimitTable
+from hil_fanuc.model_check import FIT_M, FIT_RAD
 from hil_fanuc.numbering import Numbering
 from hil_fanuc.packets import (
     JOINTS,
@@ -49,10 +50,6 @@ REPEAT_S = 0.25
 """Time after which a request over datagrams is sent again, s. Chosen."""
 AGAIN_S = 0.4
 """Time between two reports of a failed start, for a caller that begins to wait later, s. Chosen."""
-FIT_M, FIT_RAD = 1e-3, 2e-3
-"""Largest difference between reported pose and reported joints, m and rad. Chosen: above the rounding of float32 and
-the tolerances of a calibrated arm's model.
-"""
 NOTICES_MAX = 64
 """Largest number of different notices. Chosen."""
 TOOL_MAX_M = 1.0

@@ -11,7 +11,7 @@ from hil_fanuc.arms import to_pendant
 from hil_fanuc.rmi import Message, ProgramStatus
 from hil_fanuc.rmi_interface import Interface
 from hil_fanuc.rmi_motions import Instruction
-from protocol.geometry import angles_of
+from protocol.geometry import Pose, angles_of
 
 _MOTIONS = ("FRC_CircularMotion", "FRC_CircularRelative", "FRC_LinearMotionJRep", "FRC_LinearRelativeJRep",
             "FRC_SplineMotion", "FRC_SplineMotionJRep")  # fmt: skip
@@ -155,11 +155,9 @@ class Commands:
 
     def _read_position(self, message: Message) -> Message:
         motion = self._host.motion
-        pose = motion.arm.in_world(motion.path.pose)
-        r, p, w = angles_of(pose.quaternion)
-        values = (*(1e3 * part for part in pose.position), w, p, r, 0.0, 0.0, 0.0)
-        keys = ("X", "Y", "Z", "W", "P", "R", "Ext1", "Ext2", "Ext3")
-        position = {key: round(value, 3) for key, value in zip(keys, values, strict=True)}
+        position = _section(motion.arm.in_world(motion.path.pose)) | dict.fromkeys(
+            ("Ext1", "Ext2", "Ext3"), 0.0
+        )
         return {
             "ErrorID": 0,
             "TimeTag": round(self._now * 1e3),
@@ -243,8 +241,10 @@ class Commands:
         key = "ToolNumber" if "UTool" in rmi.name_of(message).name else "FrameNumber"
         number = message.get(key, 1)
         frame = self._interface.frames.get(f"{rmi.name_of(message).name[8:13]}{number}")
-        answer: Message = {"ErrorID": 0, key: number, "Frame": frame or dict.fromkeys("XYZWPR", 0.0)}
-        return answer | {"Configuration": self._configuration()} if key == "ToolNumber" else answer
+        if key == "FrameNumber":
+            return {"ErrorID": 0, key: number, "Frame": frame or dict.fromkeys("XYZWPR", 0.0)}
+        tool = frame or _section(self._host.motion.arm.tool)
+        return {"ErrorID": 0, key: number, "Frame": tool, "Configuration": self._configuration()}
 
     def _configuration(self) -> Message:
         """Return frame numbers and posture, as answers contain them."""
@@ -322,6 +322,13 @@ class Commands:
         keys = "Representation", "Configuration", "Position", "JointAngle"
         self._interface.positions[number] = {key: message[key] for key in keys if key in message}
         return {"ErrorID": 0, "RegisterNumber": number}
+
+
+def _section(pose: Pose) -> Message:
+    """Return a pose as answers contain it."""
+    r, p, w = angles_of(pose.quaternion)
+    values = (*(1e3 * part for part in pose.position), w, p, r)
+    return {key: round(value, 3) for key, value in zip("XYZWPR", values, strict=True)}
 
 
 _ACTS: dict[str, Any] = {
