@@ -73,6 +73,8 @@ class FanucController:
         self._faults = OwnFaults()
         self._contact: ContactSource | None = None
         self._powered_at, self._cycle = now, 1
+        self._moving_since = now
+        """Time at which the arm was still for the last time, s."""
         self._out: list[bytes] = []
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} fanuc")
 
@@ -191,9 +193,9 @@ class FanucController:
             self.motion.path.taken()
 
     def _check_known(self, datagram: bytes) -> None:
-        """Raise RemoteProtocolError for a packet of another version."""
+        """Raise RemoteProtocolError for a packet of another version. A start packet is answered with an alarm."""
         kind, version = header_of(datagram).kind, self.profile.version
-        if not is_known(kind, version):
+        if kind != Kind.START and not is_known(kind, version):
             raise RemoteProtocolError(f"a packet of type {kind} to a controller of version {version}")
 
     # --- cycles
@@ -217,6 +219,7 @@ class FanucController:
 
     def _report(self, at: float) -> None:
         self._watch_contact(at)
+        self._watch_motion(at)
         server = self.server
         if not server.is_open or self.program.hangs:
             return
@@ -226,6 +229,14 @@ class FanucController:
             report = report._replace(sequence=report.sequence + int(wrong.number("by")))
         self._out.append(Datagram(encode_to_client(report), side=server.peer))
         self.set_points.expects = True
+
+    def _watch_motion(self, at: float) -> None:
+        """Check that the arm comes to rest in time."""
+        limit = self.profile.status_check_s
+        if self.motion.fastest_deg_s <= self.profile.in_motion_deg_s:
+            self._moving_since = at
+        elif limit and at - self._moving_since > limit:
+            self.program.alarms.raise_(alarms.STATUS_CHECK, at)
 
     def _watch_contact(self, at: float) -> None:
         if self.set_points.is_jerky:

@@ -2,7 +2,7 @@
 
 import math
 
-from hil_fanuc.alarms import EMERGENCY, EMERGENCY_RMI, Alarms
+from hil_fanuc.alarms import BRAKE_CONTROL, EMERGENCY, EMERGENCY_RMI, Alarms
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.rmi import ProgramStatus
 
@@ -43,6 +43,8 @@ class Program:
         self._ready_at = now + (self._profile.recall_ms / 1e3 if self._was_called else 0.0)
         self._was_called, self.starved, self.ended_by_client = True, False, False
         self.status = ProgramStatus.RUNNING
+        if self._profile.brake_control:
+            self.alarms.raise_(BRAKE_CONTROL, now)
         return True
 
     def start_stream(self, now: float) -> None:
