@@ -20,6 +20,7 @@ from hil_fanuc.panel import FANUC_CONTROLS
 from hil_fanuc.probing import ask_interface, probe
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.settings import FanucSettings
+from hil_fanuc.trajectory import play
 from hil_fanuc.wires import connect_wires, parse_address, serve_robot
 
 Settings = KindSettings[FanucSettings, FanucProfile]
@@ -74,7 +75,9 @@ ROBOT = RobotKind(
     FanucSettings,
     connect,
     facts,
-    RobotEmulation(FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS, match=match),
+    RobotEmulation(
+        FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS, play=play, match=match
+    ),
     check=check,
     parse=_parse,
     describe=describe,
