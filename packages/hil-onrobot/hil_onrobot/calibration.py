@@ -6,6 +6,7 @@ from contextlib import suppress
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import DeviceError, TransportError
 from hil_bridge.errors.event_kinds import EventKind
+from hil_bridge.transports import connect_bytes
 from hil_onrobot.messages import (
     CALIBRATION_SIZE,
     READ_CALIBRATION,
@@ -38,7 +39,9 @@ async def read_calibration(url: str, wiring: Wiring) -> Calibration | None:
 
 
 async def _ask(url: str, wiring: Wiring) -> bytes:
-    wire = await wiring.bytes(url)
+    wire = await connect_bytes(
+        url, wiring.clock
+    )  # not the wire of the stream, which the log records
     answer: asyncio.Future[bytes] = wiring.clock.loop.create_future()
     received = bytearray()
 
