@@ -39,9 +39,7 @@ async def read_calibration(url: str, wiring: Wiring) -> Calibration | None:
 
 
 async def _ask(url: str, wiring: Wiring) -> bytes:
-    wire = await connect_bytes(
-        url, wiring.clock
-    )  # not the wire of the stream, which the log records
+    wire = await connect_bytes(url, wiring.clock)  # not the wire of the stream, which the log records
     answer: asyncio.Future[bytes] = wiring.clock.loop.create_future()
     received = bytearray()
 
