@@ -182,8 +182,14 @@ class RobotWires:
         if self._is_closed:
             return
         self._is_closed = True
-        if self._session is not None and self.client is not None:
-            await self._leave(self.client)
+        try:
+            if self._session is not None and self.client is not None:
+                await self._leave(self.client)
+        finally:
+            await self._close()
+
+    async def _close(self) -> None:
+        """Close all connections, even if the wait for the arm was cancelled."""
         if self._opening is not None and not self._opening.done():
             self._opening.cancel()
             with suppress(asyncio.CancelledError):
