@@ -62,7 +62,7 @@ def test_silence_is_detected_in_the_program_after_a_last_command() -> None:
     assert not desk.report.status & Status.READY
 
 
-def test_old_software_stops_with_an_alarm_when_set_points_are_missing() -> None:
+def test_old_software_stops_when_set_points_are_missing() -> None:
     desk = started(OLD)
     desk.command(desk.robot.motion.set_point)
     desk.tick(11)
