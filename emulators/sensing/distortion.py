@@ -5,8 +5,11 @@ past extremes (V. Hassani, T. Tjahjowidodo, T. N. Do, A survey on hysteresis mod
 Mechanical Systems and Signal Processing 49, 2014, doi:10.1016/j.ymssp.2014.04.012). Cross-talk is a constant matrix.
 
 A play is the value that follows the load at a distance of at most its threshold, and otherwise does not move. All plays
-are 0 at power-up. They follow each sample, in order, including samples that are not read, so the result depends only on
-the number of a sample. The plays are stored at intervals, to restart from when samples are computed again.
+are 0 at power-up. The sum contains the difference of each play from its value after a load that rises from 0 to the
+present one, in which a sensor is calibrated: such a load is read exactly, and a falling load reads too much.
+
+The plays follow each sample, in order, including samples that are not read, so the result depends only on the number of
+a sample. They are stored at intervals, to restart from when samples are computed again.
 """
 
 import math
@@ -27,8 +30,8 @@ _WEIGHTS = np.array([1.0, 1.0, 1.0, 2.0])[:, np.newaxis, np.newaxis]
 """Weights of the plays, in units of the hysteresis share.
 
 Derived: with them, a load that rises and falls again and again has a loop whose width in its middle is the hysteresis
-share of the load's change, for changes from 1/8 of the full scale to the full scale. Up to 1/16, there is no loop. The
-error is at most half the share of the full scale.
+share of the load's change, for changes from 1/8 of the full scale to the full scale. Up to 1/16, there is no loop. A
+load that returns to 0 from the full scale leaves half the share of the full scale.
 """
 _CHUNK = 256
 """Number of samples after which the plays are stored. Chosen."""
@@ -88,7 +91,10 @@ class Distortion:
             end = min((at // _CHUNK + 1) * _CHUNK, stop)
             load = loads[:, at - begin : end - begin]
             moved = follow(plays, load - self._thresholds, load + self._thresholds)
-            result[:, at - begin : end - begin] = load + self._share * (_WEIGHTS * (moved - load)).sum(axis=0)
+            risen = load - np.clip(load, -self._thresholds, self._thresholds)
+            result[:, at - begin : end - begin] = load + self._share * (_WEIGHTS * (moved - risen)).sum(
+                axis=0
+            )
             plays = moved[..., -1]
             self._store(end - 1, plays)
             at = end

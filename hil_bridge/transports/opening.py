@@ -6,13 +6,14 @@ Importing pyserial and python-can is slow, so they are imported only for wires t
 import logging
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 from hil_bridge.clock import Clock
 from hil_bridge.transports.back_off import Notice, Reconnecting, persistent
 from hil_bridge.transports.base import Frames, Transport
 from hil_bridge.transports.can.memory import join_memory_can
 from hil_bridge.transports.can.slcan import SlcanWire
-from hil_bridge.transports.datagram import DatagramWire, Path, connect_udp, listen_udp
+from hil_bridge.transports.datagram import DatagramWire, Path, Peer, connect_udp, listen_udp
 from hil_bridge.transports.datagram import connect_memory as connect_memory_datagrams
 from hil_bridge.transports.datagram import listen_memory as listen_memory_datagrams
 from hil_bridge.transports.listening import Listening
@@ -231,7 +232,8 @@ async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> 
     parsed = parse_url(url, LISTEN_DATAGRAMS)
     refuse = parsed.options.get("strangers") == "refuse"
     if parsed.scheme == "udp-bind":
-        wire, host, port = await listen_udp(parsed.host_port, clock, parsed.name, on_notice, refuse)
+        peer: Peer[tuple[Any, ...]] = Peer(refuse=refuse, sender=parsed.options.get("sender", ""))
+        wire, host, port = await listen_udp(parsed.host_port, clock, parsed.name, on_notice, peer)
         return Listening(wire, f"udp://{_authority(host, port)}")
     memory = listen_memory_datagrams(parsed.target, _path(parsed), clock, on_notice, refuse)
     return Listening(memory, f"udp+memory:{parsed.target}")

@@ -34,6 +34,7 @@ Datagrams: `udp` sends first, and accepts datagrams of its host and port only. `
 send first, and answers the newest sender.
 - `strangers=follow` or `refuse`: a second sender becomes the peer while the first is still in use, or is refused;
   default: `follow`. It is counted in either case.
+- `sender=HOST`: only this host's datagrams are accepted; others are refused and counted as strangers. Not in memory.
 - `latency_ms`, `jitter_ms`: delay of every datagram, and largest additional delay.
 - `loss`, `duplicate`, `reorder`: probabilities that a datagram is lost, arrives twice, or arrives after the next one.
   The faults are reproducible with the `seed`. The options of each end apply to its own path to the network, in both
@@ -214,7 +215,7 @@ LISTEN_CAN = {
     "can+virtual": _CAN_CHANNEL,
 }
 LISTEN_DATAGRAMS = {
-    "udp-bind": _Scheme("//127.0.0.1:6510", _STRANGERS),
+    "udp-bind": _Scheme("//127.0.0.1:6510", {**_STRANGERS, "sender": str}),
     "udp+memory": _Scheme(_NAME, {**_NETWORK, **_STRANGERS}),
 }
 

@@ -51,6 +51,12 @@ def test_hysteresis_loop_width_is_a_share_of_the_load(peak: float) -> None:
     assert width.min() == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("peak", [FULL / 64, FULL / 8, FULL, -FULL])
+def test_first_rise_of_a_load_is_read_exactly(peak: float) -> None:
+    loads = np.linspace(0.0, peak, 801)
+    assert rated(loads) == pytest.approx(loads, abs=1e-9)
+
+
 def test_hysteresis_loop_area_matches_closed_form() -> None:
     """A play of threshold r and weight w contributes 2 w r (peak - 2 r)."""
     area = sum(
@@ -80,11 +86,10 @@ def test_sensor_begins_without_memory_at_power_up() -> None:
 
     def read(first: int, stop: int) -> Floats:
         requested.append((first, stop))
-        return np.full((6, stop - first), 8.0)
+        return np.tile(np.where(np.arange(first, stop) < 250, 20.0, 8.0), (6, 1))
 
-    assert distortion.loads(read, 300, 301)[0] == pytest.approx(
-        8.0 - SHARE * (8.0 + 8.0 + 8.0 + 2.0 * FULL / 32)
-    )
+    plays, risen = 7.5 + 2.0 * 13.75, 2.0 * (8.0 - FULL / 32)
+    assert distortion.loads(read, 300, 301)[0] == pytest.approx(8.0 + SHARE * (plays - risen))
     distortion.loads(read, 301, 400)
     distortion.loads(read, 5000, 5001)
     assert requested == [(200, 301), (301, 400), (4000, 5001)]
@@ -188,7 +193,7 @@ def test_every_sensor_has_cross_talk_and_hysteresis(
     reading_of: Callable[..., Floats], scales: tuple[float, ...] | None, resolution: float
 ) -> None:
     load = LOAD / 4.0
-    source = KnownWrench(lambda times: np.tile(load, (len(times), 1)))
+    source = KnownWrench(lambda times: np.outer(np.where(times < T0 + 0.05, 2.0, 1.0), load))
     exact = reading_of(source)
     assert exact == pytest.approx(load, abs=resolution)
     assert np.array_equal(reading_of(source, hysteresis_share=0.0, cross_talk_share=0.0), exact)
@@ -197,8 +202,10 @@ def test_every_sensor_has_cross_talk_and_hysteresis(
     if scales is not None:
         assert mixed == pytest.approx(cross_talk(0.1, np.array(scales), SEED) @ load, abs=resolution)
         limits = np.outer(scales, (1 / 4, 1 / 8, 1 / 16, 1 / 32))
-        stuck = np.minimum(np.abs(load)[:, np.newaxis], limits) @ (1.0, 1.0, 1.0, 2.0)
-        assert slack == pytest.approx(load - 0.1 * np.sign(load) * stuck, abs=resolution)
+        at, peak = np.abs(load)[:, np.newaxis], 2.0 * np.abs(load)[:, np.newaxis]
+        plays = np.clip(np.maximum(peak - limits, 0.0), at - limits, at + limits)
+        excess = (plays - np.maximum(at - limits, 0.0)) @ (1.0, 1.0, 1.0, 2.0)
+        assert slack == pytest.approx(load + 0.1 * np.sign(load) * excess, abs=resolution)
 
 
 @pytest.mark.parametrize("profile", [NetFtProfile, Ft300Profile, AtiCanProfile, SensorProfile])

@@ -274,6 +274,14 @@ def test_datagram_fixed_peer_does_not_change() -> None:
     assert (peer.address, peer.strangers, peer.refused) == ("device", 1, 1)
 
 
+def test_datagram_wire_accepts_its_sender_only() -> None:
+    peer: Peer[tuple[str, int]] = Peer(sender="127.0.0.2")
+    assert not peer.takes(("127.0.0.3", 1000), 0.0)
+    assert peer.takes(("127.0.0.2", 1000), 0.0)
+    assert peer.takes(("127.0.0.2", 2000), 0.1)
+    assert (peer.address, peer.refused) == (("127.0.0.2", 2000), 1)
+
+
 def test_datagram_notices_are_rate_limited() -> None:
     times = iter((0.0, 0.5, 0.5, 1.0, 1.9, 2.0))
     reported: list[tuple[str, str]] = []

@@ -82,10 +82,11 @@ class Peer(Generic[Address]):
     A stranger is another address that sends while the peer is in use. The stranger becomes the peer or is refused.
     """
 
-    __slots__ = ("_fixed", "_known", "_refuse", "_spoke_at", "address", "refused", "strangers")
+    __slots__ = ("_fixed", "_known", "_refuse", "_spoke_at", "address", "refused", "sender", "strangers")
 
-    def __init__(self, address: Address | None = None, refuse: bool = False) -> None:
-        self.address = address
+    def __init__(self, address: Address | None = None, refuse: bool = False, sender: str = "") -> None:
+        """`sender` is the only host whose datagrams are accepted; empty for any. Others are refused as strangers."""
+        self.address, self.sender = address, sender
         """Address to send to; None until the other side has sent a datagram."""
         self.strangers = 0
         """Number of datagrams from strangers."""
@@ -99,6 +100,10 @@ class Peer(Generic[Address]):
 
     def takes(self, source: Address, now: float) -> bool:
         """Return whether to accept a datagram from `source` that arrived at `now`, s."""
+        if self.sender and isinstance(source, tuple) and source[0] != self.sender:
+            self.strangers += 1
+            self.refused += 1
+            return False
         if source != self.address and self._is_used(now):
             self.strangers += 1
             if self._fixed or self._refuse:

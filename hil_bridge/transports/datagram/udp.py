@@ -79,18 +79,20 @@ async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_noti
 
 
 async def listen_udp(
-    address: tuple[str, int], clock: Clock, name: str, on_notice: Notice, refuse_strangers: bool
+    address: tuple[str, int], clock: Clock, name: str, on_notice: Notice, peer: Peer[Address]
 ) -> tuple["UdpWire", str, int]:
     """Open a wire at this address of this computer. Return it with the actual host and port. Raises
-    TransportUnavailable if the address cannot be used.
+    TransportUnavailable if the address cannot be used, or the peer's sender cannot be resolved.
     """
     try:
         family, here = await _resolve(address, clock)
+        if peer.sender:
+            peer.sender = (await _resolve((peer.sender, 0), clock))[1][0]
         bound = _bound(family, here)
     except OSError as error:
         raise reasons.unavailable("udp", name, _text(address), error) from error
     host, port = bound.getsockname()[:2]
-    return UdpWire(bound, name, Peer(refuse=refuse_strangers), clock, on_notice), host, port
+    return UdpWire(bound, name, peer, clock, on_notice), host, port
 
 
 async def _resolve(address: tuple[str, int], clock: Clock) -> tuple[int, Address]:

@@ -9,7 +9,11 @@ from hil_fanuc.packets import Limit
 EMERGENCY = "SRVO-002 Teach pendant E-stop"
 EMERGENCY_RMI = "SRVO-289 Motion stopped by an emergency stop"
 COMMAND_MISSING = "MOTN-603 Command packet missing"
+SEQUENCE = "MOTN-601 ST: Sequence No. error"
 NEW_START = "MOTN-607 Start packet without a stop packet"
+VERSION_PREFIX = "MOTN-607 ST: Protocol version mismatch"
+BRAKE_CONTROL = "MOTN-615 ST:Please Disable Brake Control."
+STATUS_CHECK = "SYST-322 Auto status check timeout"
 JOINT_LIMITS = {
     Limit.SPEED: "MOTN-609 Velocity limit over",
     Limit.ACCELERATION: "MOTN-610 Acceleration limit over",
@@ -29,8 +33,8 @@ SENSOR_REFUSED = "HOST-380 System error 0x19,0x0"
 NONE = "No Error"
 
 BY_ORDER = (
-    COMMAND_MISSING, NEW_START, *JOINT_LIMITS.values(), *CARTESIAN_LIMITS.values(), ABNORMAL, NOT_REACHABLE, TOO_FAST,
-    SENSOR_REFUSED,
+    COMMAND_MISSING, SEQUENCE, NEW_START, VERSION_PREFIX, *JOINT_LIMITS.values(), *CARTESIAN_LIMITS.values(), ABNORMAL,
+    NOT_REACHABLE, TOO_FAST, SENSOR_REFUSED,
 )  # fmt: skip
 """Alarms that the packets of a client cause."""
 _KEPT = 5

@@ -20,6 +20,7 @@ from hil_fanuc import rmi
 from hil_fanuc.arms import MODELS, FanucArm, Joints, from_pendant, to_pendant
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece, Pieces
 from hil_fanuc.limits import AxisLimits, LimitTable
+from hil_fanuc.model_check import FIT_M, FIT_RAD
 from hil_fanuc.numbering import Numbering
 from hil_fanuc.packets import (
     JOINTS,
@@ -50,10 +51,6 @@ REPEAT_S = 0.25
 """Time after which a request over datagrams is sent again, s. Chosen."""
 AGAIN_S = 0.4
 """Time between two reports of a failed start, for a caller that begins to wait later, s. Chosen."""
-FIT_M, FIT_RAD = 1e-3, 2e-3
-"""Largest difference between reported pose and reported joints, m and rad. Chosen: above the rounding of float32 and
-the tolerances of a calibrated arm's model.
-"""
 NOTICES_MAX = 64
 """Largest number of different notices. Chosen."""
 TOOL_MAX_M = 1.0
@@ -92,7 +89,9 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         self._newest: Report | None = None
         self._unanswered = self._due = False
         """Whether the newest report has no answer yet, and whether an answer is to be sent."""
-        self._moving = False
+        self._moving = self._is_leaving = self._has_left = False
+        """Whether a movement is under way, the client leaves, and its last command was sent."""
+        self._is_at_rest = True
         self._alarm = ""
         self._noticed: set[str] = set()
         self._advance(None, now)
@@ -155,14 +154,25 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
     def end(self) -> None:
         self._moving = False
 
+    # --- farewell
+
+    def leave(self) -> Pieces:
+        """End the movement: the next command is the last one. `farewell` follows once the arm is at rest."""
+        self._is_leaving = True
+        self._is_at_rest = bool(self._lost) or self._newest is None or not self._startup.controller.streams
+        self._answer()
+        return self.data_to_send(0.0)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether a report after the last command says that the arm does not move."""
+        return self._is_at_rest
+
     def farewell(self) -> Pieces:
-        """Return the data that end the session. They must be sent before the connections are closed."""
-        self._out = []
-        if self._startup.controller.streams and self._newest is not None:
-            last = self._command()._replace(is_last=True)
+        """Return the data that end the session."""
+        if self._startup.controller.streams:
             stop = Signal(Kind.STOP, self._startup.controller.version)
             self._out += [
-                Piece(Channel.STREAM, encode_to_robot(last)),
                 Piece(Channel.SESSION, rmi.encode({"Command": "FRC_Abort"})),
                 Piece(Channel.STREAM, encode_to_robot(stop)),
             ]
@@ -250,9 +260,10 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
             return
         if placed.is_newest:
             self._newest, self._unanswered = report, True
+            self._is_at_rest |= self._has_left and not report.status & Status.MOVING
             self._follow(report)
         self._take(report, now)
-        if self._request is not None:
+        if self._request is not None or self._is_leaving:
             self._answer()
         elif not self._lost:
             self._report(report, placed.number, placed.restarted, at)
@@ -353,8 +364,8 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
 
     def _answer(self) -> None:
         """Answer the newest report, unless it has been answered."""
-        if self._unanswered:
-            self._unanswered, self._due = False, True
+        if self._unanswered and not self._has_left:
+            self._unanswered, self._due, self._has_left = False, True, self._is_leaving
 
     def _command(self) -> Command:
         """Return the command for the newest report."""
@@ -362,13 +373,13 @@ class FanucClient(Mailbox[Piece | OpenSession, StreamEvent]):
         assert report is not None, "there is a report to answer"
         version = self._startup.controller.version
         if stream is None or stream.limiter is None or not stream.ready:
-            return Command(version, report.sequence, report.joints, JOINTS, moves=False)
+            return Command(version, report.sequence, report.joints, JOINTS, self._is_leaving, moves=False)
         if not stream.limiter.step(self._limits(stream, stream.limiter.speed)):
             self._notice("joints", "the arm cannot reach a set point: it stays at the last one")
         joints = stream.limiter.joints
         if self._settings.stream_j3 == "horizon":
             joints = to_pendant(joints)
-        return Command(version, report.sequence, (*joints, *stream.external), JOINTS)
+        return Command(version, report.sequence, (*joints, *stream.external), JOINTS, self._is_leaving)
 
     def _limits(self, stream: _Stream, speed: float) -> tuple[AxisLimits, ...]:
         """Return the limits of the joints at a speed of the tool, m/s."""

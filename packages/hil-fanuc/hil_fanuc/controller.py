@@ -34,6 +34,7 @@ from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from hil_fanuc.reporter import Reporter
 from hil_fanuc.rmi_interface import Interface
+from hil_fanuc.rmi_motions import RmiMotions
 from hil_fanuc.set_points import SetPoints
 from hil_fanuc.stiffness import JOINT_STIFFNESS, MODES
 from hil_fanuc.stream_server import StreamServer
@@ -59,7 +60,8 @@ class FanucController:
         self.server = StreamServer(profile, self.program, self._end_session)
         self.set_points = SetPoints(profile, self.program, self.server)
         self.motion = Motion(profile, start, now, self._decide)
-        self.set_points.motion = self.motion
+        self.rmi_motions = RmiMotions(profile, lambda: self.set_points.limits)
+        self.set_points.motion = self.rmi_motions.motion = self.motion
         self.path: ArmPath = self.motion.path
         self.begun_at = self.motion.path.begun_at
         self.reporter = Reporter(profile, self.motion, self.program, self.server, seed)
@@ -71,6 +73,8 @@ class FanucController:
         self._faults = OwnFaults()
         self._contact: ContactSource | None = None
         self._powered_at, self._cycle = now, 1
+        self._moving_since = now
+        """Time at which the arm was still for the last time, s."""
         self._out: list[bytes] = []
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} fanuc")
 
@@ -80,7 +84,7 @@ class FanucController:
     def handlers(self) -> Handlers:
         acts = {
             "servo-alarm": lambda at: self.program.alarms.raise_(SERVO_ALARM, at),
-            "program-aborted": lambda at: self.program.abort(),
+            "program-aborted": lambda at: self.abort(),
             "tasks-aborted": self.abort_tasks,
             "contact-stop": self._trip,
             "starves": self._starve,
@@ -189,9 +193,9 @@ class FanucController:
             self.motion.path.taken()
 
     def _check_known(self, datagram: bytes) -> None:
-        """Raise RemoteProtocolError for a packet of another version."""
+        """Raise RemoteProtocolError for a packet of another version. A start packet is answered with an alarm."""
         kind, version = header_of(datagram).kind, self.profile.version
-        if not is_known(kind, version):
+        if kind != Kind.START and not is_known(kind, version):
             raise RemoteProtocolError(f"a packet of type {kind} to a controller of version {version}")
 
     # --- cycles
@@ -202,6 +206,10 @@ class FanucController:
             self.motion.lock()
             self.server.buffer.clear()
             return self.motion.set_point
+        if self.rmi_motions.is_busy:
+            joints = self.rmi_motions.decide(at)
+            self.interface.push_done(self.rmi_motions.done)
+            return joints
         before = len(self.server.buffer)
         joints = self.set_points.decide(at)
         self.set_points.expects = False
@@ -211,6 +219,7 @@ class FanucController:
 
     def _report(self, at: float) -> None:
         self._watch_contact(at)
+        self._watch_motion(at)
         server = self.server
         if not server.is_open or self.program.hangs:
             return
@@ -220,6 +229,14 @@ class FanucController:
             report = report._replace(sequence=report.sequence + int(wrong.number("by")))
         self._out.append(Datagram(encode_to_client(report), side=server.peer))
         self.set_points.expects = True
+
+    def _watch_motion(self, at: float) -> None:
+        """Check that the arm comes to rest in time."""
+        limit = self.profile.status_check_s
+        if self.motion.fastest_deg_s <= self.profile.in_motion_deg_s:
+            self._moving_since = at
+        elif limit and at - self._moving_since > limit:
+            self.program.alarms.raise_(alarms.STATUS_CHECK, at)
 
     def _watch_contact(self, at: float) -> None:
         if self.set_points.is_jerky:
@@ -247,9 +264,14 @@ class FanucController:
         self.reporter.contact_stop = ContactStop.NONE
         return True
 
+    def abort(self) -> None:
+        """Abort the TP programs."""
+        self.rmi_motions.clear()
+        self.program.abort()
+
     def abort_tasks(self, now: float) -> None:
         """Abort all tasks at the teach pendant: the server hangs until the power is cycled (observed)."""
-        self.program.abort()
+        self.abort()
         self.program.hangs = True
         self.interface.push_fault()
 
@@ -264,6 +286,7 @@ class FanucController:
         self.set_points.begin()
 
     def _on_alarm(self, text: str, now: float) -> None:
+        self.rmi_motions.clear()
         if not self.program.alarms:
             self.program.hold_by_alarm(now)
             self.interface.push_fault()
@@ -279,7 +302,7 @@ class FanucController:
         injection.strike(injection.injected_at)
         if injection.fault == "pendant-on":
             self.program.pendant_on = True
-            self.program.abort()
+            self.abort()
         else:
             self.program.press_stop(injection.injected_at)
 

@@ -84,9 +84,19 @@ class Motion:
         return max(abs(state.speed) for state in self.limiter.states)
 
     @property
+    def fastest_deg_s(self) -> float:
+        """Speed of the fastest joint, degrees/s."""
+        return max(map(abs, self.speeds))
+
+    @property
     def is_still(self) -> bool:
         """Whether no joint moves."""
-        return max(map(abs, self.speeds)) < 1e-9
+        return self.fastest_deg_s < 1e-9
+
+    @property
+    def has_arrived(self) -> bool:
+        """Whether the loops follow the newest set points."""
+        return all(joints == self.set_point for joints in self._delayed)
 
     def brake(self, now: float) -> None:
         """Brake the arm, and then lock it. No effect if it brakes or is locked."""

@@ -26,7 +26,7 @@ def _release(robot: FanucController, now: float) -> None:
 def _pendant(is_on: bool, robot: FanucController) -> None:
     robot.program.pendant_on = is_on
     if is_on:
-        robot.program.abort()
+        robot.abort()
 
 
 _CONTROLS: Mapping[str, Switch | Dial] = {
@@ -43,6 +43,11 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
             "off": lambda robot, now: _pendant(False, robot),
         },
         at=lambda state: "on" if state["pendant_on"] else "off",
+    ),
+    "program": Switch(
+        "Start the TP program of Stream Motion by the start key, without the Remote Motion Interface.",
+        {"start": lambda robot, now: robot.program.call(now)},
+        "start",
     ),
     "abort-all": Switch(
         "Abort all tasks (FCTN, ABORT ALL). The server of Stream Motion then hangs until the power is cycled.",

@@ -61,6 +61,11 @@ class PathLimiter:
         """Speed of the tool's set point, m/s."""
         return math.hypot(*(state.speed for state in self._place))
 
+    @property
+    def goal(self) -> Pose:
+        """Goal of the tool."""
+        return self._goal
+
     def aim(self, pose: Pose) -> None:
         """Set the goal of the tool."""
         self._goal = pose

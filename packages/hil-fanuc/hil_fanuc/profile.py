@@ -44,6 +44,21 @@ class FanucProfile:
         Mark.OBSERVED,
         "reference of J3 in packets; a client for versions 1 and 2 expects the horizon",
     )
+    wrong_numbers: Literal["ignored", "alarm"] = setting(
+        "ignored",
+        Mark.ASSUMED,
+        "reaction to a command whose number answers no report, or one that was answered; ROBOGUIDE raises MOTN-601",
+    )
+    brake_control: bool = setting(
+        False, Mark.OBSERVED, "the brake control was not disabled: the TP program stops with MOTN-615"
+    )
+    status_check_s: float = setting(
+        0.0,
+        Mark.CHOSEN,
+        "Auto Status Check: time of uninterrupted motion after which it stops with SYST-322; 0: disabled",
+        at_least(0.0),
+        unit="s",
+    )
     packet_stack: int = setting(
         10,
         Mark.ASSUMED,

@@ -2,7 +2,7 @@
 
 import math
 
-from hil_fanuc.alarms import EMERGENCY, EMERGENCY_RMI, Alarms
+from hil_fanuc.alarms import BRAKE_CONTROL, EMERGENCY, EMERGENCY_RMI, Alarms
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.rmi import ProgramStatus
 
@@ -25,6 +25,7 @@ class Program:
         """Time of the start packet, s; infinite without one."""
         self.ended_by_client = False
         """Whether the client itself has ended its session or the program."""
+        self._is_paused = False
         self.starved = False
         """Whether the program has stopped because set points were missing."""
         self._was_up = False
@@ -42,6 +43,8 @@ class Program:
         self._ready_at = now + (self._profile.recall_ms / 1e3 if self._was_called else 0.0)
         self._was_called, self.starved, self.ended_by_client = True, False, False
         self.status = ProgramStatus.RUNNING
+        if self._profile.brake_control:
+            self.alarms.raise_(BRAKE_CONTROL, now)
         return True
 
     def start_stream(self, now: float) -> None:
@@ -50,8 +53,26 @@ class Program:
 
     def abort(self) -> None:
         """Abort or hold the program: reports continue, and the program counts as held (observed)."""
+        self._is_paused = False
         if self.status != ProgramStatus.CANCELLED:
             self.status = ProgramStatus.HELD
+
+    def pause(self) -> None:
+        """Hold the program until it is resumed."""
+        runs = self.status == ProgramStatus.RUNNING
+        self.abort()
+        self._is_paused = runs
+
+    def resume(self) -> bool:
+        """Let a paused program run; return whether it is held."""
+        if self._is_paused and self.servo_on and not self.pendant_on:
+            self.status, self._is_paused, self.ended_by_client = ProgramStatus.RUNNING, False, False
+            return True
+        return self.status == ProgramStatus.HELD
+
+    def finish(self) -> None:
+        """End the program behind its last set point."""
+        self.status, self.ended_by_client = ProgramStatus.CANCELLED, True
 
     def hold_by_alarm(self, now: float) -> None:
         """Hold the program because of an alarm. An emergency stop is reported in stages."""

@@ -83,7 +83,7 @@ class Reporter:
         status = Status.SYSTEM_READY if program.servo_on else Status(0)
         status |= Status.READY if program.is_ready(now) else Status(0)
         status |= Status.RECEIVED if server.received else Status(0)
-        fastest = max(map(abs, motion.speeds))
+        fastest = motion.fastest_deg_s
         status |= Status.MOVING if fastest > self._profile.in_motion_deg_s else Status(0)
         server.received = False
         rate = min(self._profile.cycle_ms, _RATE_MAX)

@@ -1,18 +1,23 @@
 """Commands of the Remote Motion Interface of the emulated controller."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from emulators.orders import Act, ReceivedOrder
-from hil_fanuc import alarms, rmi
+from hil_fanuc import alarms, rmi, rmi_motions
 from hil_fanuc.arms import to_pendant
 from hil_fanuc.rmi import Message, ProgramStatus
 from hil_fanuc.rmi_interface import Interface
-from protocol.geometry import angles_of
+from hil_fanuc.rmi_motions import Instruction
+from protocol.geometry import Pose, angles_of
 
-_MOTIONS = ("FRC_LinearMotion", "FRC_LinearRelative", "FRC_JointMotion", "FRC_JointRelative", "FRC_CircularMotion",
-            "FRC_LinearMotionJRep", "FRC_JointMotionJRep", "FRC_SplineMotion")  # fmt: skip
+_MOTIONS = ("FRC_CircularMotion", "FRC_CircularRelative", "FRC_LinearMotionJRep", "FRC_LinearRelativeJRep",
+            "FRC_SplineMotion", "FRC_SplineMotionJRep")  # fmt: skip
+"""Instructions that move the arm and are not modelled."""
+_STORED_MAX = 1024
+"""Largest number of ports whose values are kept. Chosen."""
 
 
 class Commands:
@@ -27,15 +32,49 @@ class Commands:
         if act is not None:
             answer: Message | None = act(self, message)
             return answer
+        if name in rmi_motions.NAMES:
+            return self._instruct(name, message)
         if name in _MOTIONS:
             self._host.report_order(
                 ReceivedOrder(self._now, Act.REFUSED, f"{name} of the Remote Motion Interface", False)
             )
-            self._host.server.unmodelled.touch(
-                name, "refused: only the TP program of Stream Motion moves the arm"
-            )
+            self._host.server.unmodelled.touch(name, "refused")
             return {"SequenceID": message.get("SequenceID", 0), "ErrorID": rmi.BAD_INSTRUCTION}
         return {"ErrorID": rmi.BAD_COMMAND}
+
+    def _instruct(self, name: str, message: Message) -> Message | None:
+        """Queue an instruction; it is answered once it is done."""
+        host, interface = self._host, self._interface
+        answer = self._number(message)
+        if answer is None or answer["ErrorID"]:
+            return answer
+        if not interface.initialized or not host.program.servo_on or host.program.pendant_on:
+            return answer | {"ErrorID": rmi.NOT_RUNNING}
+        if host.program.status == ProgramStatus.RUNNING:
+            return answer | {"ErrorID": rmi.BAD_STATE}
+        instruction = rmi_motions.read(name, message, interface.override / 100.0)
+        if instruction is None or not host.rmi_motions.add(instruction):
+            return answer | {"ErrorID": rmi.BAD_VALUE}
+        if message.get("TermType", "FINE") != "FINE":
+            host.server.unmodelled.touch("smooth transitions", "the arm stops at each position")
+        if name != rmi_motions.WAIT:
+            pose = host.rmi_motions.goal_of(instruction)
+            host.report_order(ReceivedOrder(self._now, Act.MOTION, name, pose is not None, pose))
+        return None
+
+    def _number(self, message: Message) -> Message | None:
+        """Take the sequence number of an instruction, and return an answer with an error if it is not the next one. One
+        that was used is dropped without an answer (observed).
+        """
+        interface, number = self._interface, message.get("SequenceID")
+        if not isinstance(number, int):
+            return {"ErrorID": rmi.BAD_VALUE}
+        if number < interface.sequence:
+            return None
+        if number > interface.sequence:
+            return {"SequenceID": number, "ErrorID": rmi.BAD_SEQUENCE}
+        interface.sequence += 1
+        return {"SequenceID": number, "ErrorID": 0}
 
     def _initialize(self, message: Message) -> Message:
         host = self._host
@@ -43,20 +82,31 @@ class Commands:
             return {"ErrorID": rmi.BAD_STATE}
         if not host.program.servo_on:
             return {"ErrorID": rmi.NOT_READY}
-        self._interface.initialized = True
+        self._interface.initialized, self._interface.sequence = True, 1
         return {"ErrorID": 0, "GroupMask": message.get("GroupMask", 1)}
 
     def _abort(self, message: Message) -> Message:
         program = self._host.program
         program.ended_by_client |= program.status == ProgramStatus.RUNNING
-        program.abort()
+        self._host.abort()
+        return {"ErrorID": 0}
+
+    def _pause(self, message: Message) -> Message:
+        program, motions = self._host.program, self._host.rmi_motions
+        program.ended_by_client |= program.status == ProgramStatus.RUNNING
+        program.pause()
+        motions.is_paused = motions.is_busy
         return {"ErrorID": 0}
 
     def _continue(self, message: Message) -> Message:
-        program = self._host.program
+        """Continue a program that was paused. After an abort it stays held, although the answer is good (observed)."""
+        program, motions = self._host.program, self._host.rmi_motions
         if program.hangs:
             return {"ErrorID": rmi.CANNOT_RESUME}
-        return {"ErrorID": 0 if program.status == ProgramStatus.HELD else rmi.NOT_PAUSED}
+        if motions.is_paused:
+            motions.is_paused = False
+            return {"ErrorID": 0}
+        return {"ErrorID": 0 if program.resume() else rmi.NOT_PAUSED}
 
     def _reset(self, message: Message) -> Message:
         host = self._host
@@ -105,38 +155,58 @@ class Commands:
 
     def _read_position(self, message: Message) -> Message:
         motion = self._host.motion
-        pose = motion.arm.in_world(motion.path.pose)
-        r, p, w = angles_of(pose.quaternion)
-        values = (*(1e3 * part for part in pose.position), w, p, r, 0.0, 0.0, 0.0)
-        keys = ("X", "Y", "Z", "W", "P", "R", "Ext1", "Ext2", "Ext3")
-        turns = dict.fromkeys(("Flip", "Turn4", "Turn5", "Turn6"), 0)
-        configuration = {**self._interface.numbers, "Front": 1, "Up": 1, "Left": 0, **turns}
-        position = {key: round(value, 3) for key, value in zip(keys, values, strict=True)}
+        position = _section(motion.arm.in_world(motion.path.pose)) | dict.fromkeys(
+            ("Ext1", "Ext2", "Ext3"), 0.0
+        )
         return {
             "ErrorID": 0,
             "TimeTag": round(self._now * 1e3),
-            "Configuration": configuration,
+            "Configuration": self._configuration(),
             "Position": position,
         }
 
     def _call(self, message: Message) -> Message | None:
-        """Call a TP program. An instruction with a number that was used is dropped without an answer (observed)."""
-        interface, host = self._interface, self._host
-        number, name = message.get("SequenceID"), message.get("ProgramName")
-        if not isinstance(number, int):
-            return {"ErrorID": rmi.BAD_VALUE}
-        if number < interface.sequence:
-            return None
-        if number > interface.sequence:
-            return {"SequenceID": number, "ErrorID": rmi.BAD_SEQUENCE}
-        answer: Message = {"SequenceID": number, "ErrorID": 0}
-        interface.sequence += 1
+        """Call a TP program."""
+        interface, host, name = self._interface, self._host, message.get("ProgramName")
+        answer = self._number(message)
+        if answer is None or answer["ErrorID"]:
+            return answer
         host.report_order(ReceivedOrder(self._now, Act.PROGRAM, f"FRC_Call {name}"[:40], True, moves=False))
         if name != rmi.STREAM_PROGRAM:
             return answer | {"ErrorID": rmi.BAD_PROGRAM}
         if not interface.initialized:
             return answer | {"ErrorID": rmi.NOT_RUNNING}
-        return answer if host.program.call(self._now) else answer | {"ErrorID": rmi.CANNOT_EXECUTE}
+
+        def call(at: float) -> int:
+            return 0 if host.program.call(at) else rmi.CANNOT_EXECUTE
+
+        return self._in_order("FRC_Call", answer, call)
+
+    def _select(self, message: Message) -> Message | None:
+        """Select a user frame or a tool frame."""
+        name, answer, numbers = rmi.name_of(message).name, self._number(message), self._interface.numbers
+        if answer is None or answer["ErrorID"]:
+            return answer
+        key, number = (
+            ("UFrameNumber", "FrameNumber") if name == "FRC_SetUFrame" else ("UToolNumber", "ToolNumber")
+        )
+        value = message.get(number)
+        if not isinstance(value, int):
+            return answer | {"ErrorID": rmi.BAD_VALUE}
+
+        def select(at: float) -> int:
+            numbers[key] = value
+            return 0
+
+        return self._in_order(name, answer, select)
+
+    def _in_order(self, name: str, answer: Message, act: Callable[[float], int]) -> Message | None:
+        """Carry out an act behind the instructions that wait; at once without any. It returns an ErrorID."""
+        motions = self._host.rmi_motions
+        if not motions.is_busy:
+            return answer | {"ErrorID": act(self._now)}
+        is_added = motions.add(Instruction(name, answer["SequenceID"], act=act))
+        return None if is_added else answer | {"ErrorID": rmi.BAD_INSTRUCTION}
 
     def _set_override(self, message: Message) -> Message:
         value = message.get("Value")
@@ -171,7 +241,15 @@ class Commands:
         key = "ToolNumber" if "UTool" in rmi.name_of(message).name else "FrameNumber"
         number = message.get(key, 1)
         frame = self._interface.frames.get(f"{rmi.name_of(message).name[8:13]}{number}")
-        return {"ErrorID": 0, key: number, "Frame": frame or dict.fromkeys("XYZWPR", 0.0)}
+        if key == "FrameNumber":
+            return {"ErrorID": 0, key: number, "Frame": frame or dict.fromkeys("XYZWPR", 0.0)}
+        tool = frame or _section(self._host.motion.arm.tool)
+        return {"ErrorID": 0, key: number, "Frame": tool, "Configuration": self._configuration()}
+
+    def _configuration(self) -> Message:
+        """Return frame numbers and posture, as answers contain them."""
+        turns = dict.fromkeys(("Flip", "Turn4", "Turn5", "Turn6"), 0)
+        return {**self._interface.numbers, "Front": 1, "Up": 1, "Left": 0, **turns}
 
     def _read_input(self, message: Message) -> Message:
         return {"ErrorID": 0, "PortNumber": message.get("PortNumber", 0), "PortValue": 0}
@@ -180,17 +258,25 @@ class Commands:
         port, value = message.get("PortNumber"), message.get("PortValue")
         if not isinstance(port, int) or value not in ("ON", "OFF"):
             return {"ErrorID": rmi.BAD_VALUE}
-        if len(self._interface.outputs) < 1024:
-            self._interface.outputs[port] = value
+        if len(self._interface.ports) < _STORED_MAX:
+            self._interface.ports["DO", port] = int(value == "ON")
         return {"ErrorID": 0}
 
     def _read_port(self, message: Message) -> Message:
-        kind, number = message.get("PortType", ""), message.get("PortNumber", 0)
-        return {"ErrorID": 0, "PortType": kind, "PortNumber": number, "PortValue": 0}
+        kind, number = str(message.get("PortType", "")), message.get("PortNumber", 0)
+        value = self._interface.ports.get((kind, number), 0)
+        return {"ErrorID": 0, "PortType": kind, "PortNumber": number, "PortValue": value}
 
     def _write_port(self, message: Message) -> Message:
-        kind, number = message.get("PortType", ""), message.get("PortNumber", 0)
-        self._host.server.unmodelled.touch("I/O ports", "answered, without effect")
+        kind, number, value = (
+            str(message.get("PortType", "")),
+            message.get("PortNumber"),
+            message.get("PortValue"),
+        )
+        if not isinstance(number, int) or not isinstance(value, int | float):
+            return {"ErrorID": rmi.BAD_VALUE}
+        if len(self._interface.ports) < _STORED_MAX:
+            self._interface.ports[kind, number] = value
         return {"ErrorID": 0, "PortType": kind, "PortNumber": number}
 
     def _read_variable(self, message: Message) -> Message:
@@ -211,12 +297,9 @@ class Commands:
         }
 
     def _read_register(self, message: Message) -> Message:
-        number = message.get("RegisterNumber", 0)
-        return {
-            "ErrorID": 0,
-            "RegisterNumber": number,
-            "RegisterValue": self._interface.registers.get(number, 0),
-        }
+        value = self._interface.registers.get(message.get("RegisterNumber", 0), 0)
+        kind = "Integer" if isinstance(value, int) else "Float"
+        return {"ErrorID": 0, "DataType": kind, "RegisterValue": value}
 
     def _write_register(self, message: Message) -> Message:
         number, value = message.get("RegisterNumber"), message.get("RegisterValue")
@@ -225,11 +308,33 @@ class Commands:
         self._interface.registers[number] = value
         return {"ErrorID": 0}
 
+    def _read_position_register(self, message: Message) -> Message:
+        number = message.get("RegisterNumber", 0)
+        position = self._interface.positions.get(number)
+        if position is None:
+            return {"ErrorID": rmi.BAD_POSITION_REGISTER}
+        return {"ErrorID": 0, "RegisterNumber": number, **position}
+
+    def _write_position_register(self, message: Message) -> Message:
+        number = message.get("RegisterNumber")
+        if not isinstance(number, int) or not 1 <= number <= 100:
+            return {"ErrorID": rmi.BAD_POSITION_REGISTER}
+        keys = "Representation", "Configuration", "Position", "JointAngle"
+        self._interface.positions[number] = {key: message[key] for key in keys if key in message}
+        return {"ErrorID": 0, "RegisterNumber": number}
+
+
+def _section(pose: Pose) -> Message:
+    """Return a pose as answers contain it."""
+    r, p, w = angles_of(pose.quaternion)
+    values = (*(1e3 * part for part in pose.position), w, p, r)
+    return {key: round(value, 3) for key, value in zip("XYZWPR", values, strict=True)}
+
 
 _ACTS: dict[str, Any] = {
     "FRC_Initialize": Commands._initialize,
     "FRC_Abort": Commands._abort,
-    "FRC_Pause": Commands._abort,
+    "FRC_Pause": Commands._pause,
     "FRC_Continue": Commands._continue,
     "FRC_Reset": Commands._reset,
     "FRC_ReadError": Commands._read_error,
@@ -238,6 +343,8 @@ _ACTS: dict[str, Any] = {
     "FRC_ReadJointAngles": Commands._read_joints,
     "FRC_ReadCartesianPosition": Commands._read_position,
     "FRC_Call": Commands._call,
+    "FRC_SetUFrame": Commands._select,
+    "FRC_SetUTool": Commands._select,
     "FRC_SetOverRide": Commands._set_override,
     "FRC_SetPayloadID": Commands._set_payload,
     "FRC_SetPayloadValue": Commands._set_payload,
@@ -256,5 +363,7 @@ _ACTS: dict[str, Any] = {
     "FRC_ReadTCPSpeed": Commands._read_speed,
     "FRC_ReadRegister": Commands._read_register,
     "FRC_WriteRegister": Commands._write_register,
+    "FRC_ReadPositionRegister": Commands._read_position_register,
+    "FRC_WritePositionRegister": Commands._write_position_register,
 }
 """Effect of each command, by name."""

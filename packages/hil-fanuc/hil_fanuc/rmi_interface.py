@@ -9,6 +9,7 @@ from hil_fanuc.motion import Motion
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.program import Program
 from hil_fanuc.rmi import Message
+from hil_fanuc.rmi_motions import RmiMotions
 from hil_fanuc.stream_server import StreamServer
 
 
@@ -19,6 +20,10 @@ class Host(Protocol):
     program: Program
     motion: Motion
     server: StreamServer
+    rmi_motions: RmiMotions
+
+    def abort(self) -> None:
+        """Abort the TP programs."""
 
     def report_order(self, order: ReceivedOrder) -> None:
         """Report an order to the judge."""
@@ -53,7 +58,10 @@ class Interface:
         self.frames: dict[str, Message] = {}
         self.numbers = {"UFrameNumber": 0, "UToolNumber": 1}
         self.registers: dict[int, float] = {}
-        self.outputs: dict[int, str] = {}
+        self.positions: dict[int, Message] = {}
+        """Position registers."""
+        self.ports: dict[tuple[str, int], float] = {}
+        """Values of written outputs, by type and number."""
 
     def claim(self, connection: Session, now: float) -> bool:
         """Return whether a connection is, or becomes, the session."""
@@ -66,12 +74,20 @@ class Interface:
         if self.owner is not connection:
             return
         profile = self.host.profile
+        self.host.rmi_motions.clear()
         self.owner, self.initialized = None, False
         self._free_at = now + (profile.rmi_free_s if by_request else profile.rmi_lost_s)
         if by_request:
             self.sequence = 1
         elif profile.lost_client == "abort":
-            self.host.program.abort()
+            self.host.abort()
+
+    def push_done(self, answers: list[Message]) -> None:
+        """Send the answers to instructions that have ended, and empty their list."""
+        for answer in answers:
+            if self.owner is not None:
+                self.owner.push(answer)
+        answers.clear()
 
     def push_fault(self) -> None:
         """Report an alarm to the client."""

@@ -20,6 +20,7 @@ from hil_fanuc.panel import FANUC_CONTROLS
 from hil_fanuc.probing import ask_interface, probe
 from hil_fanuc.profile import FanucProfile
 from hil_fanuc.settings import FanucSettings
+from hil_fanuc.trajectory import play
 from hil_fanuc.wires import connect_wires, parse_address, serve_robot
 
 Settings = KindSettings[FanucSettings, FanucProfile]
@@ -29,7 +30,7 @@ async def connect(url: str, settings: Settings, wiring: Wiring) -> StreamedLink[
     """Connect to the controller, without starting the link. Errors as for `RobotKind.connect`."""
     wires = await connect_wires(url, wiring)
     client = FanucClient(settings.client, wiring.clock.now())
-    wires.farewell = client.farewell
+    wires.client = client
     return StreamedLink(wires, client, facts(url, settings), wiring.clock, wiring.log)
 
 
@@ -74,7 +75,9 @@ ROBOT = RobotKind(
     FanucSettings,
     connect,
     facts,
-    RobotEmulation(FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS, match=match),
+    RobotEmulation(
+        FanucProfile, make, serve, usual, FANUC_FAULTS, FANUC_CONTROLS, MISHAPS, play=play, match=match
+    ),
     check=check,
     parse=_parse,
     describe=describe,

@@ -51,10 +51,12 @@ class SetPoints:
         """Whether a set point was so jerky that the contact stop trips."""
         self._begun = False
         """Whether the movement has begun: `start_move` set points were buffered."""
+        self._goal: Joints | None = None
+        """Newest joints that are smoothed."""
 
     def begin(self) -> None:
         """Begin a session, or continue after a stop."""
-        self._missing, self._silent_since, self._begun = 0, None, False
+        self._missing, self._silent_since, self._begun, self._goal = 0, None, False, None
 
     @property
     def limits(self) -> tuple[AxisLimits, ...]:
@@ -98,7 +100,13 @@ class SetPoints:
         """Handle a cycle without a set point."""
         motion, profile = self.motion, self._profile
         self._missing += self.expects
-        if not self._begun or self._server.has_last or not self._missing:
+        if not self._begun or not self._missing:
+            return motion.set_point
+        if self._server.has_last:
+            if self._goal is not None and self._goal != motion.set_point:
+                self._smooth(self._goal)
+            elif motion.has_arrived and motion.fastest_deg_s <= profile.in_motion_deg_s:
+                self._program.finish()
             return motion.set_point
         if profile.smooths:
             self._go_on(at)
@@ -143,7 +151,8 @@ class SetPoints:
         if not motion.arm.allows((a, b, c, d, e, f)):
             return self._refuse(alarms.NOT_REACHABLE, at)
         if self._profile.smooths:
-            self._smooth((a, b, c, d, e, f))
+            self._goal = a, b, c, d, e, f
+            self._smooth(self._goal)
             return motion.set_point
         if breach := motion.limiter.breach(goal, limits):
             return self._refuse(f"{texts[breach.limit]} (G:1, A:{breach.axis})", at)

@@ -13,6 +13,7 @@ from functools import partial
 from hil_fanuc import rmi
 from hil_fanuc.channels import Channel, OpenSession
 from hil_fanuc.limits import LimitTable
+from hil_fanuc.model_check import read_misfit
 from hil_fanuc.packets import (
     Capability,
     ForceSensor,
@@ -83,6 +84,7 @@ class Startup:
     def run(self) -> Script:
         """Begin to stream. Raises Failed if the controller does not become ready."""
         yield from self.connect()
+        yield from self._check_model()
         yield from self.requests.send(Signal(Kind.STOP, self.controller.version), _PAUSE_S)
         yield from self.read_facts()
         yield from self._choose_reports()
@@ -102,6 +104,18 @@ class Startup:
         session = OpenSession(number_of(answer, "PortNumber"))
         status = yield from requests.line({"Command": "FRC_GetStatus"}, first=(session,), late=_OTHER_CLIENT)
         self.controller.status = status
+
+    def _check_model(self) -> Script:
+        """Raise Failed if joints and position that the controller reports do not fit the model. Changes nothing."""
+        model = self._settings.model
+        apart = yield from read_misfit(self.requests, model)
+        if apart:
+            raise Failed(
+                Trouble(
+                    f"its face plate is {apart * 1e3:.1f} mm from where a {model} with its joints has it",
+                    "set robot.fanuc.model; if it is right, check its user and tool frames",
+                )
+            )
 
     def read_facts(self) -> Script:
         """Read capability and thresholds. Changes nothing."""

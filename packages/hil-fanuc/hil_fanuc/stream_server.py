@@ -85,7 +85,7 @@ class StreamServer:
             case Signal(kind):
                 self._signal(kind, packet.version, side, now)
             case Command():
-                self._command(packet, side)
+                self._command(packet, side, now)
             case ThresholdRequest():
                 self._answer(self.threshold(packet), side)
             case Capability():
@@ -110,6 +110,9 @@ class StreamServer:
             self.counts["stops by a stranger"] += self.is_open and not is_own
             self._program.ended_by_client |= self.is_open and is_own
             self.end(now)
+        elif kind == Kind.START and version > self._profile.version:
+            text = f"{alarms.VERSION_PREFIX} PC {version}, Rob {self._profile.version}"
+            self._alarms.raise_(text, now)
         elif not self.is_open:
             self.counts["sessions"] += 1
             newest = OLD_VERSION if kind == Kind.START_V1 else self._profile.version
@@ -130,13 +133,15 @@ class StreamServer:
             self._program.streams_since = float("inf")
             self._on_end(now)
 
-    def _command(self, command: Command, side: Hashable) -> None:
+    def _command(self, command: Command, side: Hashable, now: float) -> None:
         """Buffer a set point, unless it answers no report, or one that was answered."""
         if not self.is_open or side != self.peer:
             self.counts["commands by a stranger"] += 1
             return
         if not self._answered < command.sequence <= self.sequence:
             self.counts["commands that answer no report"] += 1
+            if self._profile.wrong_numbers == "alarm":
+                self._alarms.raise_(alarms.SEQUENCE, now)
             return
         self._answered = command.sequence
         self.received = True

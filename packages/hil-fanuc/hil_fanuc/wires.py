@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Protocol
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -34,6 +35,8 @@ STREAM_PORT = 60015
 OPTION = "rmi"
 """Option of a URL with the port of the first door."""
 _MEMORY = "udp+memory:"
+REST_S = 1.0
+"""Longest wait for the arm to come to rest before the session is ended, s. Derived: that of the maker's client."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +75,20 @@ def parse_address(url: str, listens: bool = False) -> Address:
     return Address(stream, f"[{host}]" if ":" in host else host, int(text or usual))
 
 
+class Leaving(Protocol):
+    """Part of a client that ends its session."""
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the controller has reported that the arm does not move."""
+
+    def leave(self) -> Pieces:
+        """Return the data that end the movement."""
+
+    def farewell(self) -> Pieces:
+        """Return the data that end the session, once the arm is at rest."""
+
+
 class RobotWires:
     """`Transport` of pieces over the client's wires. It ends when the wire of the datagrams ends."""
 
@@ -92,14 +109,19 @@ class RobotWires:
         """Lines for the second connection, which is not open yet."""
         self._on_data: Callable[[Pieces], None] = _ignore
         self._is_closed = False
-        self.farewell: Callable[[], Pieces] = tuple
-        """Function that returns the last data, which are sent before the wires are closed."""
+        self._is_at_rest = asyncio.Event()
+        self.client: Leaving | None = None
+        """Client that says what is sent before the wires are closed."""
 
     def start(self, on_data: Callable[[Pieces], None], on_end: Callable[[TransportError], None]) -> None:
         self._on_data = on_data
-        self._stream.start(
-            lambda data: on_data([Piece(Channel.STREAM, datagram) for datagram in data]), on_end
-        )
+
+        def receive(data: Datagrams) -> None:
+            on_data([Piece(Channel.STREAM, datagram) for datagram in data])
+            if self.client is not None and self.client.is_at_rest:
+                self._is_at_rest.set()
+
+        self._stream.start(receive, on_end)
         self._begin(Channel.DOOR, self._door)
 
     def _begin(self, channel: Channel, wire: Transport[bytes]) -> None:
@@ -142,13 +164,32 @@ class RobotWires:
         self._send_lines(wire, self._unsent)
         self._unsent = []
 
+    async def _leave(self, client: "Leaving") -> None:
+        """End the movement, wait until the arm is at rest, and end the session."""
+        try:
+            with suppress(TransportError):
+                self.send(client.leave())
+                self._is_at_rest.clear()
+                if not client.is_at_rest:
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(REST_S):
+                            await self._is_at_rest.wait()
+        finally:
+            with suppress(TransportError):
+                self.send(client.farewell())
+
     async def aclose(self) -> None:
         if self._is_closed:
             return
         self._is_closed = True
-        if self._session is not None:
-            with suppress(TransportError):
-                self.send(self.farewell())
+        try:
+            if self._session is not None and self.client is not None:
+                await self._leave(self.client)
+        finally:
+            await self._close()
+
+    async def _close(self) -> None:
+        """Close all connections, even if the wait for the arm was cancelled."""
         if self._opening is not None and not self._opening.done():
             self._opening.cancel()
             with suppress(asyncio.CancelledError):

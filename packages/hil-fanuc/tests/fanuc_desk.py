@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hil_fanuc.channels import Channel, OpenSession, Piece
+from hil_fanuc.channels import Channel, Ended, OpenSession, Piece
 from hil_fanuc.client import FanucClient
 from hil_fanuc.controller import FanucController
 from hil_fanuc.packets import (
@@ -203,13 +203,15 @@ class Pair:
             out = self.client.data_to_send(self.now)
             self.sent += out
             for piece in out:
-                self._deliver(piece)
+                self.deliver(piece)
             if not pieces and not out:
                 return
 
-    def _deliver(self, piece: Piece | OpenSession) -> None:
+    def deliver(self, piece: Piece | OpenSession | Ended) -> None:
         if isinstance(piece, OpenSession):
             self._session = Connection(self.robot.interface, self.now)
+        elif isinstance(piece, Ended):
+            raise AssertionError("a client does not end connections")
         elif piece.channel is Channel.STREAM:
             self.robot.endpoint.receive([Datagram(piece.data, self.now, "bridge")], self.now)
         elif piece.channel is Channel.DOOR:

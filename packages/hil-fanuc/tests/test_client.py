@@ -5,6 +5,7 @@ from typing import Any, TypeGuard
 
 import pytest
 from fanuc_desk import START, Pair
+from hil_fanuc import rmi_commands
 from hil_fanuc.channels import Channel, Ended, OpenSession, Piece
 from hil_fanuc.packets import (
     JOINTS,
@@ -15,7 +16,7 @@ from hil_fanuc.packets import (
     header_of,
 )
 from hil_fanuc.profile import FanucProfile
-from hil_fanuc.rmi import LineReader, name_of
+from hil_fanuc.rmi import LineReader, ProgramStatus, name_of
 from hil_fanuc.settings import FanucSettings
 
 import hil_bridge
@@ -83,6 +84,9 @@ def test_start_has_the_order_of_the_makers_client() -> None:
             "FRC_Connect_STMO",
             "open 16002",
             "FRC_GetStatus",
+            "FRC_ReadJointAngles",
+            "FRC_ReadCartesianPosition",
+            "FRC_ReadUToolData",
             "STOP",
             "GET_CAPABILITY",
             "THRESHOLD",
@@ -153,21 +157,31 @@ def test_lateral_motion_keeps_the_depth() -> None:
     assert max(z) - min(z) < 5e-6
 
 
-def test_farewell_ends_program_and_stream() -> None:
-    pair = started()
+@pytest.mark.parametrize("refusals", ["smooth", "alarm"])
+def test_client_leaves_once_the_arm_is_at_rest(refusals: Any) -> None:
+    pair = started(FanucProfile(refusals=refusals))
+    pair.client.begin(pair.reports[-1].pose)
+    steer(pair, (5.0, 0.0, 0.0), 0.3)
+    count = len(pair.sent)
+    for piece in pair.client.leave():
+        pair.deliver(piece)
+    assert not pair.client.is_at_rest
+    while not pair.client.is_at_rest:
+        pair.run(0.008)
+    assert pair.robot.motion.fastest_deg_s <= 0.01
+    commands = [decode_to_robot(one.data) for one in pair.sent[count:] if _is_stream(one)]
+    assert [command.is_last for command in commands if isinstance(command, Command)] == [True]
+    assert pair.robot.program.alarms.active == []
     pieces = pair.client.farewell()
     kinds = [header_of(p.data).kind if _is_stream(p) else p.data for p in pieces if isinstance(p, Piece)]
-    assert kinds == [
-        Kind.COMMAND,
-        b'{"Command":"FRC_Abort"}\r\n',
-        Kind.STOP,
-        b'{"Communication":"FRC_Disconnect"}\r\n',
-    ]
-    first = pieces[0]
-    assert isinstance(first, Piece)
-    last = decode_to_robot(first.data)
-    assert isinstance(last, Command)
-    assert last.is_last
+    assert kinds == [b'{"Command":"FRC_Abort"}\r\n', Kind.STOP, b'{"Communication":"FRC_Disconnect"}\r\n']
+
+
+def test_client_of_a_lost_session_leaves_at_once() -> None:
+    pair = started()
+    pair.client.receive([Ended(Channel.SESSION, "reset")], pair.now)
+    assert pair.client.leave() == []
+    assert pair.client.is_at_rest
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
@@ -248,7 +262,23 @@ def test_emergency_stop_at_the_start_is_reported() -> None:
     assert lost(pair).startswith("it refuses FRC_Reset: the controller cannot be reset (2556940)")
 
 
-def test_wrong_model_is_detected_when_the_arm_moves() -> None:
+def test_wrong_model_is_refused_before_anything_is_changed() -> None:
+    pair = Pair(settings=FanucSettings(model="m-10ia"))
+    assert lost(pair).startswith("its face plate is 280.5 mm from where a m-10ia with its joints has it")
+    assert not any(_is_stream(piece) for piece in pair.sent)
+    assert pair.robot.program.status == ProgramStatus.CANCELLED
+
+
+def test_model_is_checked_with_active_frames() -> None:
+    pair = Pair()
+    pair.robot.interface.numbers["UFrameNumber"] = 3
+    pair.robot.interface.frames["UFram3"] = {"X": 100.0, "Y": 0.0, "Z": 0.0, "W": 0.0, "P": 0.0, "R": 0.0}
+    assert lost(pair).startswith("its face plate is 100.0 mm from where a crx-10ia/l with its")
+
+
+def test_wrong_model_is_detected_by_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A controller that does not report its tool frame."""
+    monkeypatch.delitem(rmi_commands._ACTS, "FRC_ReadUToolData")
     pair = Pair(settings=FanucSettings(model="m-10ia"))
     pair.run(3.0)
     begin = pair.reports[-1].pose
@@ -263,7 +293,7 @@ def test_wrong_model_is_detected_when_the_arm_moves() -> None:
 
 def test_other_speeds_than_those_of_the_model_are_a_notice() -> None:
     assert [event for event in started().events if isinstance(event, StreamNotice)] == []
-    pair = Pair(FanucProfile(model="m-10ia"))
+    pair = Pair(FanucProfile(speeds_deg_s=(210.0, 190.0, 210.0, 400.0, 400.0, 600.0)))
     pair.run(3.0)
     assert [event.text for event in pair.events if isinstance(event, StreamNotice)] == [
         "its joints are limited to 210 190 210 400 400 600 °/s, those of a crx-10ia/l to 120 120 180 180 180 180:"

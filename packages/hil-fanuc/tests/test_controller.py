@@ -2,9 +2,11 @@
 
 import itertools
 import math
+from typing import Literal
 
 import pytest
 from fanuc_desk import Desk, alarms, started
+from hil_fanuc.limits import JointLimiter
 from hil_fanuc.packets import (
     CARTESIAN,
     JOINTS,
@@ -22,6 +24,7 @@ from hil_fanuc.packets import (
     nine,
 )
 from hil_fanuc.profile import FanucProfile
+from hil_fanuc.rmi import ProgramStatus
 
 from protocol.arm_size import PerAxis
 
@@ -168,8 +171,9 @@ def test_arm_can_follow_180_ms_later() -> None:
     handler = desk.robot.handlers["robot"]["lags"]
     assert handler.end is not None
     handler.end(injection, desk.now)
-    desk.command(desk.robot.motion.set_point, last=True)
-    desk.wait(1.0)
+    for _ in range(100):
+        desk.command(desk.robot.motion.set_point)
+        desk.tick()
     assert desk.robot.motion.delay_s == pytest.approx(0.056)
 
 
@@ -410,3 +414,23 @@ def test_style_of_joints_is_any_number_but_0() -> None:
         desk.tick()
     assert alarms(desk) == []
     assert desk.robot.motion.set_point == joints
+
+
+@pytest.mark.parametrize("refusals", ["smooth", "alarm"])
+def test_last_set_point_ends_the_program(refusals: Literal["smooth", "alarm"]) -> None:
+    """The example of the maker's client waits until it is neither ready nor moving."""
+    desk = started(FanucProfile(refusals=refusals))
+    limiter = JointLimiter(desk.robot.motion.set_point, 0.008)
+    goal = (*limiter.joints[:5], limiter.joints[5] + 1.0)
+    while limiter.joints != goal:
+        desk.command(limiter.step(goal, desk.robot.set_points.limits), last=limiter.joints == goal)
+        desk.tick()
+    flags = []
+    for _ in range(100):
+        desk.tick()
+        flags.append(desk.report.status & 9)
+    assert flags[0] == 9
+    assert flags[-1] == 0
+    assert desk.robot.motion.joints == pytest.approx(goal, abs=1e-3)
+    assert alarms(desk) == []
+    assert desk.robot.program.status == ProgramStatus.CANCELLED

@@ -2,10 +2,13 @@
 docs/controller-notes.md.
 """
 
+from typing import Any
+
 import pytest
 from fanuc_desk import START, T0, Desk, started
 from hil_fanuc.packets import Kind
 from hil_fanuc.profile import FanucProfile
+from hil_fanuc.rmi import encode
 from hil_fanuc.rmi_server import Connection, Door
 
 from protocol.geometry import angles_of
@@ -76,7 +79,8 @@ def test_alarm_is_pushed_and_can_be_read() -> None:
         (b'{"Instruction": "FRC_Call", "SequenceID": 1, "ProgramName": "X"}\r\n', 2556981),
         (b'{"Instruction": "FRC_Call", "SequenceID": 3, "ProgramName": "STREAM_MOTN"}\r\n', 2556957),
         (b'{"Instruction": "FRC_Call", "SequenceID": 1, "ProgramName": "STREAM_MOTN"}\r\n', 2556937),
-        (b'{"Instruction": "FRC_JointMotion", "SequenceID": 1}\r\n', 2556948),
+        (b'{"Instruction": "FRC_JointMotion", "SequenceID": 1}\r\n', 2556937),
+        (b'{"Instruction": "FRC_SplineMotion", "SequenceID": 1}\r\n', 2556948),
     ],
 )
 def test_line_that_cannot_be_carried_out_is_refused(line: bytes, error: int) -> None:
@@ -100,3 +104,51 @@ def test_idle_connection_is_ended_after_an_hour() -> None:
     desk.wait(0.7)
     assert desk.messages == [{"Communication": "FRC_Terminate"}]
     assert desk.session.closing
+
+
+def motion(number: int, name: str = "FRC_JointMotionJRep", **values: Any) -> dict[str, Any]:
+    joints = {"J1": 10.0, "J5": -90.0}
+    return {"Instruction": name, "SequenceID": number, "JointAngle": joints, "SpeedType": "Percent"} | values
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"Speed": 0},
+        {"Speed": "fast"},
+        {"Speed": 10, "SpeedType": "mmSec"},
+        {"Speed": 10, "JointAngle": {"J1": "far"}},
+        {"Speed": 10, "JointAngle": {"J1": 1e300}},
+        {"Speed": 10, "JointAngle": {"J1": 181.0}},
+    ],
+)
+def test_motion_with_an_invalid_value_is_refused(wrong: dict[str, Any]) -> None:
+    desk = Desk()
+    desk.ask({"Command": "FRC_Initialize"})
+    assert desk.ask(motion(1, **wrong))["ErrorID"] == 2556949
+    assert desk.robot.motion.is_still
+
+
+def test_motion_over_rmi_takes_its_share_of_the_speed() -> None:
+    desk = Desk()
+    desk.ask({"Command": "FRC_Initialize"})
+    desk.ask({"Command": "FRC_SetOverRide", "Value": 50})
+    desk.session.receive(encode(motion(1, Speed=20)), desk.now)
+    fastest = 0.0
+    while desk.messages[-1].get("SequenceID") != 1:
+        desk.tick()
+        fastest = max(fastest, max(map(abs, desk.robot.motion.speeds)))
+    assert fastest == pytest.approx(0.2 * 0.5 * 180.0), "the speed of joint 3"
+    assert desk.robot.motion.joints[0] == pytest.approx(10.0, abs=0.01)
+
+
+def test_stop_ends_a_motion_over_rmi_without_an_answer() -> None:
+    desk = Desk()
+    desk.ask({"Command": "FRC_Initialize"})
+    desk.session.receive(encode(motion(1, Speed=20)), desk.now)
+    desk.wait(0.5)
+    desk.inject("robot", "emergency-stop")
+    desk.wait(3.0)
+    assert desk.robot.motion.is_still
+    assert not desk.robot.rmi_motions.is_busy
+    assert [one for one in desk.messages if "Instruction" in one] == []

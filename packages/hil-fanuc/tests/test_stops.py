@@ -5,9 +5,10 @@ behaviour: airo-ugent/airo-fanuc, docs/controller-notes.md.
 import itertools
 
 import pytest
-from fanuc_desk import alarms, started
-from hil_fanuc.packets import Capability, Kind, Status, Threshold, ThresholdRequest
+from fanuc_desk import Desk, alarms, started
+from hil_fanuc.packets import Capability, Kind, Signal, Status, Threshold, ThresholdRequest
 from hil_fanuc.profile import FanucProfile
+from hil_fanuc.rmi import ProgramStatus
 
 from emulators.orders import Act
 
@@ -48,31 +49,26 @@ def test_starved_program_continues_after_a_call() -> None:
     assert desk.report.joints[5] > place + 2.0
 
 
-def test_silence_is_detected_in_the_movement_after_a_last_command() -> None:
+def test_silence_is_detected_in_the_program_after_a_last_command() -> None:
     desk = started()
     desk.command(desk.robot.motion.set_point, last=True)
     desk.wait(0.3)
+    assert not desk.report.status & Status.READY
+    assert desk.call() == 0
+    desk.wait(1.1)
     assert desk.report.status & Status.READY
     desk.command(desk.robot.motion.set_point)
     desk.wait(0.3)
     assert not desk.report.status & Status.READY
 
 
-def test_old_software_stops_with_an_alarm_when_set_points_are_missing() -> None:
+def test_old_software_stops_when_set_points_are_missing() -> None:
     desk = started(OLD)
     desk.command(desk.robot.motion.set_point)
     desk.tick(11)
     assert alarms(desk) == []
     desk.tick(2)
     assert alarms(desk) == ["MOTN-603"]
-
-
-def test_last_command_ends_the_movement_without_an_alarm() -> None:
-    desk = started(OLD)
-    desk.command(desk.robot.motion.set_point, last=True)
-    desk.wait(1.0)
-    assert alarms(desk) == []
-    assert desk.report.status & Status.READY
 
 
 # --- stops
@@ -185,3 +181,37 @@ def test_pendant_that_is_on_stops_the_program() -> None:
     assert (desk.report.robot_status, desk.report.status & Status.READY) == (2, 0)
     assert desk.ask({"Command": "FRC_GetStatus"})["TPMode"] == 1
     assert desk.ask({"Command": "FRC_Initialize"})["ErrorID"] == 2556943
+
+
+def test_motion_without_rest_is_stopped_after_the_status_check() -> None:
+    desk = started(FanucProfile(status_check_s=0.8))
+    desk.move(5, 4.0, 0.3)
+    for _ in range(100):
+        desk.command(desk.robot.motion.set_point)
+        desk.tick()
+    assert alarms(desk) == []
+    desk.move(5, 4.0, 1.2)
+    assert alarms(desk) == ["SYST-322"]
+
+
+def test_brake_control_stops_the_program() -> None:
+    desk = Desk(FanucProfile(brake_control=True))
+    desk.call()
+    assert alarms(desk) == ["MOTN-615"]
+    assert desk.robot.program.status == ProgramStatus.HELD
+
+
+def test_start_of_a_newer_version_is_refused() -> None:
+    desk = Desk(FanucProfile(version=1))
+    desk.send(Signal(Kind.START, 3))
+    desk.wait(0.1)
+    assert desk.robot.program.alarms.active == ["MOTN-607 ST: Protocol version mismatch PC 3, Rob 1"]
+    assert desk.reports == []
+
+
+def test_wrong_number_can_raise_an_alarm() -> None:
+    desk = started(FanucProfile(wrong_numbers="alarm"))
+    desk.command(desk.robot.motion.set_point)
+    assert alarms(desk) == []
+    desk.command(desk.robot.motion.set_point)
+    assert alarms(desk) == ["MOTN-601"]

@@ -27,6 +27,11 @@ class HexClientSettings:
     clear_bias: bool = setting(
         True, Mark.OBSERVED, "the bias of the sensor is switched off at the start, as the public driver does"
     )
+    read_scales: bool = setting(
+        True,
+        Mark.CHOSEN,
+        "the scales are read from the sensor over TCP; if it does not answer, those below hold",
+    )
     counts_per_n: int = setting(COUNTS_PER_N, Mark.OBSERVED, "counts per N", at_least(1))
     counts_per_nm: int = setting(COUNTS_PER_NM, Mark.OBSERVED, "counts per N·m", at_least(1))
     silence_s: float = setting(

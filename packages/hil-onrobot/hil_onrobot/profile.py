@@ -39,10 +39,8 @@ class HexProfile:
     wander_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.WANDER_N)
     """Five times that of a Net F/T, because a soft optical sensor depends more on temperature."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
-    hysteresis_share: float = setting(0.004, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
-    """The data sheet states less than 2 % for full loads. In the model of the hysteresis, small loads read too little
-    by five times the share, which thus stays within the non-linearity of the data sheet, 2 %.
-    """
+    hysteresis_share: float = setting(0.02, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
+    """The data sheet states less than 2 %."""
     cross_talk_share: float = setting(0.05, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
     creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)

@@ -1,9 +1,11 @@
 """Sensor kind `onrobot-hex`: the object that hil-bridge finds by the name of the entry point.
 
 The URL names the UDP port of the records: `onrobot-hex+udp://192.168.1.1:49152`. The TCP port of the emulated sensor is
-in its URL as `?tcp_port=`; the client does not use it. In virtual time, it is in memory at `memory:NAME-tcp`.
+in its URL as `?tcp_port=`, 49151 by default; the client reads the scales there. In virtual time, it is in memory at
+`memory:NAME-tcp`.
 """
 
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 from emulators.seams import SensorFactory
@@ -20,11 +22,12 @@ from hil_bridge.transports.urls import (
     split_option,
     with_option,
 )
+from hil_onrobot.calibration import read_calibration
 from hil_onrobot.client import HexClient
 from hil_onrobot.client_settings import HexClientSettings
 from hil_onrobot.describe import describe
 from hil_onrobot.faults import HEX_FAULTS
-from hil_onrobot.messages import FILTERS_HZ, RATE_HZ
+from hil_onrobot.messages import FILTERS_HZ, RATE_HZ, TCP_PORT
 from hil_onrobot.profile import HexProfile
 from hil_onrobot.sensor import HexSensor
 from protocol.devices.netft.page import filter_weight
@@ -50,8 +53,28 @@ def _parse(url: str, settings: _Settings) -> WireUrl:
 
 
 async def _connect(url: str, settings: _Settings, wiring: Wiring) -> tuple[Transport[Any], HexClient]:
+    client = await _with_scales(url, settings.client, wiring)
     wire = await wiring.datagrams(split_url(url)[0])
-    return wire, HexClient(settings.client, wiring.clock.now())
+    return wire, HexClient(client, wiring.clock.now())
+
+
+async def _with_scales(url: str, client: HexClientSettings, wiring: Wiring) -> HexClientSettings:
+    """Return the settings with the scales that the sensor reports over TCP."""
+    if not client.read_scales:
+        return client
+    calibration = await read_calibration(_tcp_url(url), wiring)
+    if calibration is None:
+        return client
+    return replace(client, counts_per_n=calibration.counts_per_n, counts_per_nm=calibration.counts_per_nm)
+
+
+def _tcp_url(url: str) -> str:
+    wire, port = split_url(url)
+    parsed = parse_url(wire, CONNECT_DATAGRAMS)
+    if parsed.scheme == "udp+memory":
+        return f"memory:{parsed.target}-tcp"
+    host = parsed.host_port[0]
+    return f"tcp://{f'[{host}]' if ':' in host else host}:{port or TCP_PORT}"
 
 
 def _make(settings: _Settings) -> SensorFactory:

@@ -82,6 +82,8 @@ class FtsClient(Outbox[Piece]):
         """Command of the newest request while its answer is pending."""
         self._identity: list[str] = []
         """Product name and number, as far as they have been received."""
+        self._known: list[str] = []
+        """Product name and number before the stream was interrupted."""
         self._streams = False
         """Whether the stream has been requested."""
         self._starts = 0
@@ -132,7 +134,7 @@ class FtsClient(Outbox[Piece]):
                 self._sensor_events.notice(
                     f"no packet for {self._settings.silence_s * 1e3:g} ms; requested again"
                 )
-            self._start(now)
+            self._begin_again(now)
 
     def stop(self) -> None:
         """Stop the stream."""
@@ -142,19 +144,21 @@ class FtsClient(Outbox[Piece]):
 
     # --- commands
 
+    def _begin_again(self, now: float) -> None:
+        """Repeat the start-up: the sensor may have lost its settings, or another one may answer."""
+        self._known, self._identity = self._known or self._identity, []
+        self._requests = deque(_start_up(self._settings))
+        self._starts += 1
+        self._ask_next(now)
+
     def _ask_next(self, now: float) -> None:
         """Send the next request of the start-up, or start the stream after the last one."""
         if self._requests:
             self._send(self._requests.popleft())
-            self._due = now + self._settings.answer_s
         else:
-            self._start(now)
-
-    def _start(self, now: float) -> None:
-        self._send(encode_command(Command.START))
-        self._streams = True
-        self._starts += 1
-        self._due = now + self._settings.silence_s
+            self._send(encode_command(Command.START))
+            self._streams, self._starts = True, max(self._starts, 1)
+        self._due = now + (self._settings.silence_s if self._streams else self._settings.answer_s)
 
     def _send(self, payload: bytes) -> None:
         self._out.append(pieces.Piece(Port.COMMANDS, encode_message(0, payload)))
@@ -174,16 +178,23 @@ class FtsClient(Outbox[Piece]):
         if self._stopping:
             self._finish()
         elif answer.command == Command.READ:
-            self._identity.append(_text(answer.value))
-            self._ask_next(now)
+            self._identify(_text(answer.value), now)
         elif answer.error:
             self._refused(answer)
         elif answer.command != Command.START:
             self._ask_next(now)
 
+    def _identify(self, text: str, now: float) -> None:
+        known = self._known[len(self._identity) :]
+        if known and text != known[0]:
+            self._fail(f"another sensor answers: {text} instead of {known[0]}", "start the run again")
+            return
+        self._identity.append(text)
+        self._ask_next(now)
+
     def _refused(self, answer: Answer) -> None:
         text = f"it answers the command {Command(answer.command).label} with {error_words(answer.error)}"
-        if self._sensor_events.ready:
+        if self._sensor_events.ready and answer.command == Command.START:
             self._sensor_events.notice(text)
         else:
             self._fail(text, "restart it; a firmware with other commands is not supported")

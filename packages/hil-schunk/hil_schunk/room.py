@@ -1,7 +1,8 @@
 """Sensor kind `schunk-fts`: the object that hil-bridge finds by the name of the entry point.
 
 The URL names the TCP port of the commands: `schunk-fts+tcp://192.168.0.100:82`. The sensor sends its measurements to
-UDP port 54843 of the computer that holds the connection; `?data_port=` in the URL names another port. In virtual time,
+UDP port 54843 of the computer that holds the connection; `?data_port=` in the URL names another port. Measurements of
+other senders are refused. Assumed: it sends from the address at which it is connected. In virtual time,
 the commands are in memory at `memory:NAME`, the measurements at `udp+memory:NAME-data`.
 """
 
@@ -66,13 +67,10 @@ def _data_url(url: str, settings: _Settings) -> str:
     parsed, client = parse_url(commands_url, _WIRES), settings.client
     if parsed.scheme == "memory":
         return f"udp+memory:{_data_name(parsed)}?strangers=refuse"
-    address = client.data_address or _receiving_address(parsed.host_port[0])
-    return f"udp-bind://{address}:{port or client.data_port}?strangers=refuse"
-
-
-def _receiving_address(sensor: str) -> str:
-    """Return the address at which measurements arrive: only the loopback interface for a sensor there, else any."""
-    return "127.0.0.1" if sensor == "localhost" or sensor.startswith("127.") else "0.0.0.0"
+    sensor = "127.0.0.1" if parsed.host_port[0] == "localhost" else parsed.host_port[0]
+    local = "127.0.0.1" if sensor.startswith("127.") else "0.0.0.0"
+    address = client.data_address or local
+    return f"udp-bind://{address}:{port or client.data_port}?strangers=refuse&sender={sensor}"
 
 
 def _other_wires(url: str, settings: _Settings) -> Sequence[WireUrl]:

@@ -76,13 +76,39 @@ def test_silent_stream_is_requested_again_ten_times() -> None:
     for _ in range(10):
         session.expire()
         requests += session.sent()
-    assert [request.hex() for request in requests] == ["40"] * 10
+    assert [request.hex() for request in requests] == ["f0010000"] * 10
     (notice,) = session.events()
     assert notice == SensorNotice("no packet for 100 ms; requested again")
     session.expire()
     (failed,) = session.events()
     assert failed.text == "no packet received after 10 requests"
     assert "54843" in failed.remedy
+
+
+def test_start_up_is_repeated_after_an_interruption() -> None:
+    session = Session(filter=2)
+    session.begin()
+    session.packet(packet(0))
+    frames(session)
+    session.expire()
+    requests = []
+    for answer in ("f0 00 0100 00 465453", "f0 00 0100 03 313233", "31 00", "40 00"):
+        requests += session.sent()
+        session.answer(answer)
+    assert [request.hex() for request in requests] == ["f0010000", "f0010003", "3102", "40"]
+    session.packet(packet(1))
+    assert [frame.sequence for frame in frames(session)] == [1]
+
+
+def test_other_sensor_after_an_interruption_fails_the_session() -> None:
+    session = Session()
+    session.begin()
+    session.packet(packet(0))
+    frames(session)
+    session.expire()
+    session.answer("f0 00 0100 00 4b4d53")
+    *_, failed = session.events()
+    assert failed.text == "another sensor answers: KMS instead of FTS"
 
 
 def test_counter_is_unwrapped_and_losses_counted() -> None:

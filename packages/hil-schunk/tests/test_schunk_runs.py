@@ -87,6 +87,7 @@ def test_measurements_of_a_local_sensor_arrive_on_loopback_only(sensor: str, add
     assert SENSOR.other_wires is not None
     (wire,) = SENSOR.other_wires(f"tcp://{sensor}:82?data_port=5000", default_settings(SENSOR))
     assert (wire.scheme, wire.host_port) == ("udp-bind", (address, 5000))
+    assert wire.options["sender"] == ("127.0.0.1" if sensor == "localhost" else sensor), "no other sender"
 
 
 def test_measured_noise_becomes_settings_of_the_emulator() -> None:
