@@ -7,8 +7,9 @@ import math
 from collections.abc import Generator
 from typing import Any
 
+from emulators.arm.chain import straight_tool
 from hil_fanuc import rmi
-from hil_fanuc.arms import FanucArm, from_pendant, straight_tool
+from hil_fanuc.arms import FanucArm, from_pendant
 from hil_fanuc.requests import Request, Requests
 from protocol.geometry import Pose, angle_between, from_angles, inverse, product, rotate
 
