@@ -141,7 +141,7 @@ def test_probe_reads_facts_and_changes_nothing() -> None:
 
 def test_probe_reports_the_error_of_the_box() -> None:
     _, refusals, _ = probed(lambda rig: rig.robot.box.fail(31))
-    assert refusals == ["robot on memory:xarm cannot move: it reports error 31, collision"]
+    assert refusals == ["the robot cannot move: it reports error 31, collision"]
 
 
 # --- panel
