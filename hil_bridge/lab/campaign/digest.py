@@ -78,6 +78,8 @@ class FigureResult(Struct, frozen=True):
     least: float | None
     median: float | None
     largest: float | None
+    bounds: tuple[float, ...] = ()
+    """Bounds of the criteria on the figure."""
 
 
 class FailedRun(Struct, frozen=True):
@@ -195,11 +197,12 @@ def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
     """Yield every figure that any run has, cell by cell."""
     by_cell = runs_by_cell(plan, runs)
     for key in NUMBERS:
+        bounds = tuple(limit for one in plan.criteria if one.figure == key for limit in one.limits.values())
         for cell, of_cell in by_cell.items():
             if values := values_of(key, of_cell):
                 known = [value for value in values if math.isfinite(value)]
                 spread = (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
-                yield FigureResult(key, cell, len(values), len(values) - len(known), *spread)
+                yield FigureResult(key, cell, len(values), len(values) - len(known), *spread, bounds=bounds)
 
 
 def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:

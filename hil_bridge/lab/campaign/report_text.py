@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from hil_bridge.errors.rounding import three_digits
 from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.digest import CriterionResult, Digest, FailedRun, FigureResult, Tally, unmet_by
 from hil_bridge.lab.campaign.run_text import faults_of_run
@@ -98,10 +99,18 @@ def figures_section(figures: Iterable[FigureResult]) -> Section:
     """Return the table of the smallest, median and largest value of each figure in each cell."""
     rows = []
     for one in figures:
-        numbers = (FIGURES[one.figure].text(value) for value in (one.least, one.median, one.largest))
+        numbers = (_value(one, value) for value in (one.least, one.median, one.largest))
         runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
         rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
     return Section("Figures by cell", ("figure", "cell", "runs", "least", "median", "largest"), rows)
+
+
+def _value(result: FigureResult, value: float | None) -> str:
+    """Format a value of a figure, so that it agrees with the criteria on the figure."""
+    definition = FIGURES[result.figure]
+    if value is None or not result.bounds:
+        return definition.text(value)
+    return f"{three_digits(value, result.bounds)} {definition.unit}".rstrip()
 
 
 def rerun_command(results: str, key: str) -> str:
