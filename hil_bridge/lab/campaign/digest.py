@@ -201,8 +201,11 @@ def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
         for cell, of_cell in by_cell.items():
             if values := values_of(key, of_cell):
                 known = [value for value in values if math.isfinite(value)]
-                spread = (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
-                yield FigureResult(key, cell, len(values), len(values) - len(known), *spread, bounds=bounds)
+                least, median, largest = (
+                    (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
+                )
+                endless = len(values) - len(known)
+                yield FigureResult(key, cell, len(values), endless, least, median, largest, bounds)
 
 
 def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
