@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, Unmet, unmet_of
-from hil_bridge.lab.campaign.digest import Tally, digest_of
+from hil_bridge.lab.campaign.digest import FigureResult, Tally, digest_of
 from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
-from hil_bridge.lab.campaign.report_text import markdown_report, text_report
+from hil_bridge.lab.campaign.report_text import figures_section, markdown_report, text_report
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
 from hil_bridge.lab.commands.campaign import campaign
@@ -56,6 +56,12 @@ def test_unmet_criterion_shows_value_and_bounds(
 ) -> None:
     output = unmet_of([Criterion("overshoot_percent", bound)], figures)
     assert output == (() if unmet is None else (unmet,))
+
+
+def test_figures_by_cell_agree_with_bounds() -> None:
+    result = FigureResult("force_true_max_n", "a cell", 3, 0, 12.9996, 13.0, 13.0004, bounds=(13.0,))
+    ((*_, least, median, largest),) = figures_section([result]).rows
+    assert (least, median, largest) == ("12.9996 N", "13 N", "13.0004 N")
 
 
 def test_bug_is_counted_separately_from_unmet_criteria(short_results: Path, tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
     assert "3 campaigns compared" in text
     assert '<span class="badge bad">2 worse, 0 better</span>' in text
     counts = (("before", "12/12"), ("middle", "11/12"), ("after", "3/12"))
-    assert "".join(f'<td class="" data-title="{name}">{count}</td>' for name, count in counts) in text
+    assert "".join(f'<td class="count" data-title="{name}">{count}</td>' for name, count in counts) in text
     assert point(result) == (
         "No setting differs; 24 of 24 runs passed in `before` and 15 of 24 runs passed in `after`. "
         "`after` is worse: largest true force, 8.55 N → 10.6 N at task.force_n 8.0 (adjusted p 7e-07)."

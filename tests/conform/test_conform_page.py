@@ -3,6 +3,7 @@
 import re
 import shlex
 from dataclasses import replace
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from tests.conform.test_readings import run_scenario as run_sensor_scenario
 from tests.conform.test_readings import trial as sensor_trial
 
 COMMAND = ["--", "./my client", "{host}"]
+TESTED_AT = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
 
 
 def robot_trial(kind: str = "egm") -> RobotTrial:
@@ -109,7 +111,7 @@ def test_timeline_of_sensor_has_readings_after_fault() -> None:
 def test_page_begins_with_verdict_and_escapes_client() -> None:
     failed = replace(run_scenario(EgmClient, "blind", "stopped"), output="<b>\x1b[2J\n")
     passed = replace(failed, name="nominal", verdict=Verdict(Outcome.PASSED, "moved"))
-    text = conform_page(robot_trial(), [passed, failed], COMMAND)
+    text = conform_page(robot_trial(), [passed, failed], COMMAND, TESTED_AT)
     verdict = (
         "The client failed <code>stopped</code>, 1 of 2 scenarios: sent 125 motion orders after the stop"
     )
@@ -117,6 +119,7 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
         text.index(verdict) < text.index('<table class="verdicts">') < text.index('<figure class="timeline">')
     )
     assert text.count('<figure class="timeline">') == 1, "a scenario that passed has none"
+    assert "<code>&#x27;./my client&#x27; &#x27;{host}&#x27;</code>, tested 2026-03-01 12:00:00 UTC" in text
     assert "&lt;b&gt;\ufffd[2J" in text
     assert re.findall(r'(?:src|href)="([^"]*)"', text) == ["#stopped"]
     assert "default-src 'none'" in text
@@ -124,7 +127,7 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
 
 def test_page_joins_names_of_failed_scenarios() -> None:
     failed = run_scenario(EgmClient, "blind", "stopped")
-    text = conform_page(robot_trial(), [replace(failed, name=name) for name in "abc"], COMMAND)
+    text = conform_page(robot_trial(), [replace(failed, name=name) for name in "abc"], COMMAND, TESTED_AT)
     assert (
         "The client failed <code>a</code>, <code>b</code> and <code>c</code>, 3 of 3 scenarios; first: sent"
         in text

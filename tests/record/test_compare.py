@@ -61,7 +61,7 @@ def test_compare_aligns_runs_at_contact() -> None:
         {"value": 50.0, "label": "force limit"},
     ]
     rows = re.findall(
-        r"<tr><td>([\w.<>]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("How they ended")[0]
+        r"<tr><td>([\w.<>]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("Settings that differ")[2]
     )
     assert [row[0] for row in rows] == ["run.<wbr>seed", "more"], "equal values are omitted"
     assert rows[0][1:] == ("1", "2")
@@ -73,18 +73,24 @@ def test_compare_aligns_runs_at_contact() -> None:
     assert from_begin["sources"]["run1"]["x"][0] == pytest.approx(0.05)
 
 
-def test_compare_begins_with_settings_and_outcomes() -> None:
+def test_compare_folds_many_settings() -> None:
+    first, second = (run(9.0, 20, {"cell": {f"n{k}": k + more for k in range(7)}}) for more in (0, 1))
+    page = compare_page({"a": first, "b": second})
+    assert '<details class="fold"><summary><h2>Settings that differ: 7</h2></summary>' in page
+
+
+def test_compare_begins_with_outcomes_and_settings() -> None:
     first = run(9.0, 20, {"run": {"seed": 1}, "task": {"force_n": 9.0}})
     second = run(9.0, 20, {"run": {"seed": 2}, "task": {"force_n": 9.0}, "cell": {"new": 1}})
     page = compare_page({"a": first, "b": second})
     parts = (
         '<p class="point">Overshoot 0.0 % in <code>a</code>, 0.0 % in <code>b</code>; RMS error 1.00 N in',
         "runs completed; <code>run.seed</code> differs.</p>",
+        "<td>outcome</td>",
+        '<td class="quiet">overshoot</td>',
         "<td>run.<wbr>seed</td><td>1</td><td>2</td>",
         '<details class="fold"><summary><h2>Settings that only some runs have: 1</h2></summary>',
         "<td>cell.<wbr>new</td><td>–</td><td>1</td>",
-        "<td>outcome</td>",
-        '<td class="quiet">overshoot</td>',
         'data-charts="data-runs" data-first="1"',
         '<details class="fold"><summary><h2>Other figures</h2></summary>',
         '<td class="quiet">mean contact force</td>',

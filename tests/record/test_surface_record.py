@@ -42,9 +42,10 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config, read_config
 from hil_bridge.show.charts.map_painter import paint_map
-from hil_bridge.show.charts.maps import removed_map
+from hil_bridge.show.charts.maps import maps_of, removed_map
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.charts.surface import deflection_um, tilt_deg, touches
+from hil_bridge.show.pages.maps import map_row
 from hil_bridge.show.report.surface_section import surface_section
 from tests.near_surface import WHOLE, merged
 from tests.recordings import Recordings
@@ -289,7 +290,8 @@ def test_report_contains_removed_map_and_tilt(recordings: Recordings) -> None:
     assert 0.5 * most < rms < most
     assert surface_section(recording) == surface_section(recording)
     with_map, without = (
-        surface_section(each) for each in (recording, dataclasses.replace(recording, removed=None))
+        f"{surface_section(each)}{map_row(maps_of(each))}"
+        for each in (recording, dataclasses.replace(recording, removed=None))
     )
     assert "data:image/png;base64," in with_map
     wear = removed_map(recording)

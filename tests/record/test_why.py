@@ -125,7 +125,7 @@ def test_why_names_part_hit_by_fault(job: Job, recordings: Recordings) -> None:
     assert "Check: " in rest
     if recording.cycles:
         assert "The last good cycle was number " in before
-        assert "The tool was left " in rest
+        assert "The tool was " in rest
         assert "hil-bridge free" not in rest, "the emulated cell ended with its run"
     else:
         assert refused
@@ -208,7 +208,7 @@ def test_why_interrupted_run_blames_no_device() -> None:
     text = why(interrupted(CLOSE_RUN, "track", 0.0)[0])
     assert text.startswith("The run was interrupted ")
     assert "The cause was" not in text
-    assert "The tool was left retracted" in text
+    assert "The tool was retracted" in text
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from hil_bridge.show.pages import Axis, Chart, Charts, Span
 from hil_bridge.show.pages.description import Map, Scale, room_of
 from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report import write_report
+from hil_bridge.show.report.page import page
 from hil_bridge.show.report.plots import draw
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from tests.recordings import Recordings
@@ -110,7 +111,7 @@ def test_charts_show_feed_and_normal_and_map_shows_path(recording: Recording) ->
     svg = map_svg(path)
     assert svg.count("<path ") > 20
     assert ">2</text>" in svg, "the number of the step that tracks"
-    assert svg in steps_section(recording, summarise(recording))
+    assert svg in page(recording, summarise(recording))
 
 
 def test_charts_without_values_are_omitted(recording: Recording) -> None:

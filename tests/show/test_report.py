@@ -195,7 +195,7 @@ def test_report_gives_command_for_a_tool_left_in_contact() -> None:
     place = "NOT retracted: left at 1 mm"
     end = dataclasses.replace(END, left=f"{place}, because x", place=place, rest={"retracted": False})
     recording = dataclasses.replace(run(), end=end.as_metadata())
-    line = "<strong>NOT retracted: left at 1 mm; <code>hil-bridge free</code> lifts it off</strong>"
+    line = "<strong>NOT retracted: left at 1 mm; <code>hil-bridge free</code> lifts it off</strong>.</p>"
     assert line in page(recording, summarise(recording))
 
 
@@ -227,7 +227,7 @@ def test_page_escapes_all_text_and_loads_nothing(tmp_path: Path) -> None:
     assert text.count("<script") == text.count("</script>") == 3
     assert text.count("&lt;script&gt;") >= 8
     assert text.index("<p>Then: first.</p>\n<p>Then: &lt;script") < text.index(
-        "<p>Tool: <strong>left &lt;script"
+        "<p>The tool was <strong>left &lt;script"
     )
     assert not re.search(r"(src|href|srcset)=", text)
     assert "http:" not in text.split("<body>")[1].rpartition("<script>")[0]

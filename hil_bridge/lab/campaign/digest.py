@@ -7,6 +7,7 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 from msgspec import Struct
 
@@ -18,6 +19,9 @@ from hil_bridge.record.analysis.figures import JUDGED, WORDS
 
 CASES_LISTED = 100
 """Maximum number of cases for which figures are listed by fault, and not only by cell. Chosen: a readable table."""
+_Spread: TypeAlias = tuple[float | None, float | None, float | None, float | None, float | None]
+"""Least value, median, largest value, mean and standard deviation."""
+_NO_SPREAD: _Spread = None, None, None, None, None
 NUMBERS = tuple(key for key in JUDGED if key not in WORDS)
 """Names of the figures of a run that are numbers."""
 
@@ -84,6 +88,8 @@ class FigureResult(Struct, frozen=True):
     mean: float | None
     deviation: float | None
     """Standard deviation of the runs."""
+    bounds: tuple[float, ...] = ()
+    """Bounds of the criteria on the figure."""
 
 
 class FailedRun(Struct, frozen=True):
@@ -201,15 +207,16 @@ def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
     """Yield every figure that any run has, case by case."""
     by_case = runs_by_case(plan, runs)
     for key in NUMBERS:
+        bounds = tuple(limit for one in plan.criteria if one.figure == key for limit in one.limits.values())
         for case, of_case in by_case.items():
             if values := values_of(key, of_case):
                 known = [value for value in values if math.isfinite(value)]
-                spread = _spread(known) if known else (None,) * 5
-                yield FigureResult(key, case, len(values), len(values) - len(known), *spread)
+                spread = _spread(known) if known else _NO_SPREAD
+                yield FigureResult(key, case, len(values), len(values) - len(known), *spread, bounds=bounds)
 
 
-def _spread(values: Sequence[float]) -> tuple[float | None, ...]:
-    """Return least, median, largest, mean and standard deviation of values in ascending order."""
+def _spread(values: Sequence[float]) -> _Spread:
+    """Return the spread of values in ascending order."""
     deviation = statistics.stdev(values) if len(values) > 1 else None
     return values[0], statistics.median(values), values[-1], statistics.fmean(values), deviation
 

@@ -29,16 +29,17 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
             return '<td class="none" title="impossible">·</td>'
         return _counts(passed[number], done[number])
 
-    distinct = len({head for _, head in cells}) == len(cells)
+    few = len(cells) <= UPRIGHT_MOST
+    brief = not few and len({head for _, head in cells}) == len(cells)
     heads = "".join(
-        f'<th title="{escape(cell)}"><span>{escape(head if distinct else cell)}</span></th>'
+        f'<th title="{escape(cell)}"><span>{escape(head if brief else cell).replace("_", "_<wbr>")}</span></th>'
         for cell, head in cells
     )
     rows = "".join(
         f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell, _ in cells)}</tr>\n"
         for fault, numbers in by_fault.items()
     )
-    style = "matrix few" if len(cells) <= UPRIGHT_MOST else "matrix"
+    style = "matrix few" if few else "matrix"
     return f'<div class="scroll"><table class="{style}"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
 
 

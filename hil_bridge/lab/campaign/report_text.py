@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from hil_bridge.errors.rounding import three_digits
 from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.digest import CriterionResult, Digest, FailedRun, FigureResult, Tally, unmet_by
 from hil_bridge.lab.campaign.run_text import faults_of_run
@@ -100,11 +101,19 @@ def figures_section(figures: Iterable[FigureResult]) -> Section:
     rows = []
     for one in figures:
         values = (one.least, one.median, one.largest, one.mean, one.deviation)
-        numbers = (FIGURES[one.figure].text(value) for value in values)
+        numbers = (_value(one, value) for value in values)
         runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
         rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
     columns = ("figure", "cell", "runs", "least", "median", "largest", "mean", "deviation")
     return Section("Figures by cell", columns, rows)
+
+
+def _value(result: FigureResult, value: float | None) -> str:
+    """Format a value of a figure, so that it agrees with the criteria on the figure."""
+    definition = FIGURES[result.figure]
+    if value is None or not result.bounds:
+        return definition.text(value)
+    return f"{three_digits(value, result.bounds)} {definition.unit}".rstrip()
 
 
 def rerun_command(results: str, key: str) -> str:

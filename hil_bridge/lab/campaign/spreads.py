@@ -51,7 +51,9 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
     median, late = statistics.median(finite), finite[math.ceil(0.99 * len(finite)) - 1]
     counts = f"{len(finite)} runs" + (f", and {endless} without an end" if endless else "")
     allowed = "".join(f"; required: {_bound_text(word, bound)}" for word, bound in bounds.items())
-    named = (("median", median), ("99 % ≤", late), ("least", low), ("largest", high))
+    named = [("median", median), ("99 % ≤", late)]
+    if any(not low <= bound <= high for bound in bounds.values()):  # otherwise they are the ends of the axis
+        named += [("least", low), ("largest", high)]
     numbers = ", ".join(f"{name} {_number(value, bounds.values())}" for name, value in named) + allowed
     return (
         f"<figure><figcaption>{title}</figcaption>{_Histogram(key, finite, bounds).draw()}"

@@ -22,6 +22,7 @@ FIRST_FIGURES = 8
 """Number of figures on the page that are not folded, at least. Chosen: what a screen has below the first table."""
 _SETTINGS_MOST = 2
 """Maximum number of settings named in the first sentence. Chosen: the table has all."""
+_TEXT_COLUMNS = "figure", "cell", ""
 _PLACE = "place"
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
 
@@ -69,13 +70,14 @@ def trend_page(trend: Trend) -> str:
     body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
 <span class="badge {style}">{outcome}</span></header>
 <p class="point">{prose(point(trend))}</p>
-{_setting_table(trend, names)}<h2>Runs that passed, by cell</h2>
+<h2>Runs that passed, by cell</h2>
 {_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
 <h2>Figures that differ, medians by cell</h2>
 {_figure_tables(trend, names)}
 <p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
 figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
 tests, is below {trend.level:g}. Brackets hold the interval of 95 % of a median, or the range of up to five runs.</p>
+{_setting_table(trend, names)}
 <h2>Course over the results</h2>{room("trend", trend_charts(trend), first=2)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
@@ -181,13 +183,16 @@ def _render_marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], C
     """Render a table whose last column is coloured by the change in it. On a phone, each value has the title of its
     column.
     """
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    numeric = ["" if name in _TEXT_COLUMNS else "count" for name in columns]
+    head = "".join(
+        f'<th class="{style}">{escape(name)}</th>' for style, name in zip(numeric, columns, strict=True)
+    )
 
-    def field(title: str, text: str, style: str = "") -> str:
+    def field(title: str, text: str, style: str) -> str:
         return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td>'
 
     body = [
-        "".join(field(*one) for one in zip(columns, texts[:-1], strict=False))
+        "".join(field(*one) for one in zip(columns, texts[:-1], numeric, strict=False))
         + field("", texts[-1], _CLASSES[change])
         for texts, change in rows
     ]
@@ -211,7 +216,7 @@ def trend_charts(trend: Trend) -> Charts:
     charts = []
 
     def add(name: str, title: str, unit: str, lines: Mapping[str, Sequence[float | None]]) -> None:
-        chosen = {cell: values for cell, values in lines.items() if cell in colours}
+        chosen = {cell: lines[cell] for cell in colours if cell in lines}
         sources[name] = {
             "x": list(map(float, range(len(trend.results)))),
             **{colours[c]: v for c, v in chosen.items()},

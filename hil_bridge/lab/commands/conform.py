@@ -119,11 +119,13 @@ def conform(
     if json_file is not None:
         write_atomically(json_file, as_json((trial.thing, kind), command, rules, results).encode(), overwrite)
     if page is not None:
+        from hil_bridge.clock.clock import wall_time
         from hil_bridge.lab.conform.page import conform_page
 
         options = (("--config", config_file), ("--listen", listen))
         client = [str(word) for option in options if option[1] for word in option]
-        write_atomically(page, conform_page(trial, results, [*client, "--", *command]).encode(), overwrite)
+        text = conform_page(trial, results, [*client, "--", *command], wall_time())
+        write_atomically(page, text.encode(), overwrite)
     echo_lines([*table(results), totals(results), *lateness(results), *not_modelled(results)])
     if any(one.verdict.outcome is Outcome.FAILED for one in results):
         click.get_current_context().exit(FAILED)

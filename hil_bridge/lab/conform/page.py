@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from datetime import UTC, datetime
 from html import escape
 from typing import Any
 
@@ -21,10 +22,14 @@ _EMULATED = (
 )
 
 
-def conform_page(trial: Trial[Any], results: Sequence[ScenarioResult[Any]], client: Sequence[str]) -> str:
+def conform_page(
+    trial: Trial[Any], results: Sequence[ScenarioResult[Any]], client: Sequence[str], tested_at: datetime
+) -> str:
     """Render the page. `client` contains the options and the command of the client, which the page repeats."""
     failed = [one for one in results if one.verdict.outcome is Outcome.FAILED]
-    title = f"Client of the {trial.thing} {trial.kind}"
+    title = f"Client test: {trial.thing} {trial.kind}"
+    command = shlex.join(client[client.index("--") + 1 :])
+    tested = f"tested {tested_at.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
     style, outcome = ("bad", "failed") if failed else ("good", "passed")
     if all(one.verdict.outcome is Outcome.SKIPPED for one in results):
         style, outcome = "plain", "not tested"
@@ -33,11 +38,13 @@ def conform_page(trial: Trial[Any], results: Sequence[ScenarioResult[Any]], clie
     )
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
     body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{outcome}</span></header>
+<p class="quiet">Client <code>{escape(command)}</code>, {tested} with hil-bridge {escape(released())},
+suite {SUITE_VERSION}.</p>
 <p class="point">{prose(_verdict(results, failed))}</p>
 {_table(results)}{notes}
 {"".join(_failure(trial, one, client) for one in failed)}
 {fold(f"<h2>Rules</h2>{cells(('rule', 'value', 'meaning'), rules, 'narrow')}")}
-<p class="quiet">{_EMULATED} hil-bridge {escape(released())}, suite {SUITE_VERSION}.</p>"""
+<p class="quiet">{_EMULATED}</p>"""
     return document(f"{title}, {outcome}", body, charts=False)
 
 

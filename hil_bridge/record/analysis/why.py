@@ -163,7 +163,7 @@ def _describe_completed(recording: Recording, end: RunEnd) -> str:
     text = f"The run completed after {seconds:.1f} s and {count} cycle{'s' * (count != 1)}"
     text += f", ended by its task: {end.text}" if end.text else ", as planned"
     unmet = failed_criteria(step_outcomes(recording.steps))
-    left = f"; the tool was left {end.left}" if end.left else ""
+    left = f"; the tool was {end.left}" if end.left else ""
     return f"{text}{left}{unmet and f'; but {unmet}'}."
 
 
@@ -323,7 +323,7 @@ class _Ending:
     def _left(self) -> str:
         if not self._end.left:
             return "" if self._recording.truncated else "The tool had not been moved."
-        return f"The tool was left {self._end.place}."
+        return f"The tool was {self._end.place}."
 
     def _advice(self) -> str:
         reason = self._end.reason

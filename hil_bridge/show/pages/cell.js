@@ -109,7 +109,7 @@ var HilCell = (() => {
       this.canvas = element("canvas");
       this.canvas.tabIndex = 0;
       this.canvas.setAttribute("role", "img");
-      this.canvas.setAttribute("aria-label", "the cell in three dimensions; arrow keys turn, plus and minus zoom");
+      this.canvas.setAttribute("aria-label", "the cell in three dimensions; arrow keys turn, shift and arrow keys move, plus and minus zoom, 0 resets");
       this.tag = element("span", "hil-force");
       this.key = element("div", "hil-key");
       this.scale = element("div", "hil-scale");

@@ -1,5 +1,6 @@
 """Maps as SVG inside a page, with the same description as in pictures (`charts/map_painter.py`)."""
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,18 @@ from hil_bridge.show.pages.svg import (
 WIDTH_PX = 1000
 _LEFT, _RIGHT, _TOP, _BELOW = 60, 110, 26, 44
 """Margins of a map, px."""
+_SMALLEST = 0.8
+"""Smallest size of a map beside another one, as a share of its full size. Chosen: its text stays legible."""
+
+
+def map_row(maps: Iterable[Map]) -> str:
+    """Render maps side by side where the page has room for them, otherwise one below the other."""
+    fields = []
+    for drawn in maps:
+        width = _LEFT + room_of(drawn, WIDTH_PX - _LEFT - _RIGHT)[0] + _RIGHT
+        style = f"flex: 1 1 {_SMALLEST * width:.0f}px; max-width: {width:.0f}px"
+        fields.append(f'<div class="map" style="{style}">{map_svg(drawn)}</div>')
+    return f'<div class="maps">{"".join(fields)}</div>' if fields else ""
 
 
 def map_svg(drawn: Map) -> str:

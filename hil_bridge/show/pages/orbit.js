@@ -29,13 +29,17 @@ var HilOrbit = (() => {
       event.preventDefault();
       cell.orbit({x: event.clientX - canvas.getBoundingClientRect().left, factor: Math.exp(Math.max(-60, Math.min(60, event.deltaY)) * 0.004)});
     }, {passive: false});
-    canvas.addEventListener("dblclick", () => { cell.cameras = {}; cell.turned = false; cell.soon(); });
+    const reset = () => { cell.cameras = {}; cell.turned = false; cell.soon(); };
+    canvas.addEventListener("dblclick", reset);
     canvas.addEventListener("keydown", event => {
-      const change = {ArrowLeft: {yaw: -0.1}, ArrowRight: {yaw: 0.1}, ArrowUp: {pitch: 0.08}, ArrowDown: {pitch: -0.08},
-        "+": {factor: 0.85}, "=": {factor: 0.85}, "-": {factor: 1.18}}[event.key];
-      if (!change) return;
+      const turns = {ArrowLeft: {yaw: -0.1}, ArrowRight: {yaw: 0.1}, ArrowUp: {pitch: 0.08}, ArrowDown: {pitch: -0.08}};
+      const moves = {ArrowLeft: {right: -0.05}, ArrowRight: {right: 0.05}, ArrowUp: {up: -0.05}, ArrowDown: {up: 0.05}};
+      const zooms = {"+": {factor: 0.85}, "=": {factor: 0.85}, "-": {factor: 1.18}};
+      const change = (event.shiftKey ? moves : turns)[event.key] ?? zooms[event.key];
+      if ((!change && event.key !== "0") || event.ctrlKey || event.metaKey || event.altKey) return;
       event.preventDefault();
-      cell.orbit(change);
+      if (change) cell.orbit(change);
+      else reset();
     });
   }
 

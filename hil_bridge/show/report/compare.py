@@ -32,6 +32,8 @@ RUNS_MOST = 8
 """Maximum number of runs in a comparison, which is the number of distinguishable colours."""
 _NAMED_MOST = 2
 """Maximum number of settings named in the first sentence. Chosen: the table has all."""
+_OPEN_MOST = 6
+"""Maximum number of differing settings that are not folded. Chosen: the charts begin on the first screen."""
 _RESULTS = tuple(FIGURES[key].words for key in ("overshoot_percent", "rms_error_n"))
 """Figures in the first sentence, by their labels."""
 _RESULTS_MOST = 4
@@ -86,9 +88,9 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     body = f"""<h1>{len(runs)} runs compared</h1>
 <p class="point">{prose(_results(dict(zip(runs, figures, strict=True))))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
-{_settings(ours, settings, only_some)}
 <h2>How they ended</h2>
 {_side_by_side(runs, [*_ends(runs, summaries), *_figure_lines(figures, merits)])}
+{_settings(ours, settings, only_some)}
 <h2>Course</h2>
 {room("runs", charts, first=1)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
 {fold(f"<h2>Other figures</h2>{_side_by_side(runs, _figure_lines(figures, merits, others=True))}")}
@@ -130,9 +132,14 @@ def _differing(runs: Mapping[str, Recording]) -> tuple[list[tuple[str, ...]], li
 def _settings(
     runs: Mapping[str, Recording], settings: Sequence[tuple[str, ...]], only_some: Sequence[tuple[str, ...]]
 ) -> str:
-    """Render the settings that differ, and, folded, those that only some runs have."""
+    """Render the settings that differ, folded if they are many, and, folded, those that only some runs have."""
     titles = ("setting", *runs)
-    parts = [f"<h2>Settings that differ</h2>{across(setting_cells(titles, settings))}"] if settings else []
+    parts = []
+    if 0 < len(settings) <= _OPEN_MOST:
+        parts.append(f"<h2>Settings that differ</h2>{across(setting_cells(titles, settings))}")
+    elif settings:
+        heading = f"<h2>Settings that differ: {len(settings)}</h2>"
+        parts.append(fold(f"{heading}{across(setting_cells(titles, settings))}"))
     if only_some:
         heading = f"<h2>Settings that only some runs have: {len(only_some)}</h2>"
         parts.append(fold(f'{heading}<div class="scroll">{setting_cells(titles, only_some)}</div>'))

@@ -15,8 +15,10 @@ from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.charts.facts import start_time
+from hil_bridge.show.charts.maps import maps_of
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import cell_room, document, room
+from hil_bridge.show.pages.maps import map_row
 from hil_bridge.show.report.bag_page import bag_page
 from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, Row, merit_rows, response_rows, run_rows
@@ -74,9 +76,10 @@ def page(recording: Recording, summary: Summary) -> str:
 <div class="columns head"><section><h2>Figures of merit</h2>{rows(_known(merit_rows(summary)))}</section>
 <section>{pairs(identity_rows(recording, summary), "facts")}</section></div>
 {steps_section(recording, summary)}
-{surface_section(recording)}
-<div class="columns"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
-<section><h2>Phases</h2>{phases}{before}</section></div>
+{surface_section(recording)}{map_row(maps_of(recording))}
+<div class="columns head"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
+<section><h2>Phases</h2>{phases}</section></div>
+{before}
 {fold(_response(summary))}
 {fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
 {fold(f"<h2>Events</h2>{_events(recording)}")}
@@ -132,7 +135,7 @@ def _reason(recording: Recording, summary: Summary) -> str:
         f'<p class="point">{prose(reason.point)}</p>',
         f"<p>{prose(sentence(reason.remedy))}</p>" if reason.remedy else "",
         *(f"<p>Then: {prose(text)}.</p>" for text in reason.followed),
-        f"<p>Tool: <strong>{prose(left + '; `hil-bridge free` lifts it off' * bool(lift))}</strong></p>"
+        f"<p>The tool was <strong>{prose(left + '; `hil-bridge free` lifts it off' * bool(lift))}</strong>.</p>"
         if left
         else "",
         detail if reason.fact else "",

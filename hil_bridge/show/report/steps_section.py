@@ -8,8 +8,6 @@ from hil_bridge.record.analysis.definition import concise, quantity
 from hil_bridge.record.analysis.steps import CUT, StepOutcome
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
-from hil_bridge.show.charts.maps import path_map
-from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report.markup import across, table
 
 _TITLES = "step", "time", "distance", "mean force", "within", "required", "outcome", "result"
@@ -24,9 +22,7 @@ def steps_section(recording: Recording, summary: Summary) -> str:
     steps = _table([_line(step) for step in summary.steps])
     if len(summary.steps) > _SCROLL_ROWS:
         steps = f'<div class="scroll">{steps}</div>'
-    path = path_map(recording)
-    drawn = "" if path is None else f'<div class="map">{map_svg(path)}</div>'
-    return f"<h2>Steps</h2>\n{steps}\n{drawn}\n"
+    return f"<h2>Steps</h2>\n{steps}\n"
 
 
 def _table(lines: Sequence[Sequence[str]]) -> str:

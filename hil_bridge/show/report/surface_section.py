@@ -9,10 +9,8 @@ from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import TruthRecord, Vector
 from hil_bridge.show.charts.facts import approach_of
-from hil_bridge.show.charts.maps import removed_map
 from hil_bridge.show.charts.sources import Array
 from hil_bridge.show.charts.surface import LEAST_DEFLECTION_UM, deflection_um, tilt_deg, touches
-from hil_bridge.show.pages.maps import map_svg
 
 _LEAST_FORCE_N = 1.0
 """Mean force below which a deflection per force has no meaning, N. Chosen: some deflections are then vibration."""
@@ -37,8 +35,7 @@ def surface_section(recording: Recording) -> str:
         )
     sentences += deflection
     verdict = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
-    drawn = "" if (wear := removed_map(recording)) is None else f'<div class="map">{map_svg(wear)}</div>'
-    return f"<h2>Emulated surface</h2>\n{verdict}{drawn}\n"
+    return f"<h2>Emulated surface</h2>\n{verdict}"
 
 
 def _deflection_sentences(recording: Recording) -> list[str]:
