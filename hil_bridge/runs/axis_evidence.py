@@ -38,6 +38,8 @@ class AxisEvidence:
         """Indices of the unverified force axes that have a major component of the approach."""
         self.across: Sequence[int] = ()
         """Indices of the unverified force axes that have a major component of the directions across the approach."""
+        self.unconfirmable: Sequence[int] = ()
+        """Indices of those of `across` on which a force causes no moment, so that nothing can confirm them."""
         self.tracked = False
         """Whether a touch has been tracked, and therefore confirmed if it was in doubt."""
         self._confirmed = self._contradicted = False
@@ -70,6 +72,6 @@ class AxisEvidence:
         whether the tool's final position across the approach differs from the start.
         """
         axes = set() if self.tracked else set(self.along)
-        if aside and (self._contradicted or not self._confirmed):
-            axes |= set(self.across)
+        if aside:
+            axes |= set(self.across if self._contradicted or not self._confirmed else self.unconfirmable)
         return tuple(AXES[k] for k in sorted(axes))

@@ -149,11 +149,15 @@ class Zeroing:
         trusted = self._config.sensor.verified
         unverified = tuple(k for k in unverified if AXES[k].lower() not in trusted)
         self.axes.along = doubtful_axes(self._wrist, approach, quaternion, unverified)
-        aside = [
-            doubtful_axes(self._wrist, direction, quaternion, unverified)
+        aside = {
+            direction: doubtful_axes(self._wrist, direction, quaternion, unverified)
             for direction in (frame.travel, frame.across)
-        ]
-        self.axes.across = tuple(sorted({k for axes in aside for k in axes}))
+        }
+        confirmable = {one for one in (*aside, *ways) if self._is_confirmed_by_moments(one, quaternion)}
+        self.axes.across = tuple(sorted({k for axes in aside.values() for k in axes}))
+        self.axes.unconfirmable = tuple(
+            sorted({k for one, axes in aside.items() if one not in confirmable for k in axes})
+        )
         self._lost = lost_forces(self._known_wrist, approach, quaternion)
         if self._known_wrist is None:
             self._report("sensor unchecked: the tool's weight is not known", Check.UNCHECKED)
@@ -174,7 +178,7 @@ class Zeroing:
         unconfirmed = {
             k
             for direction in ways
-            if not self._is_confirmed_by_moments(direction, quaternion)
+            if direction not in confirmable
             for k in doubtful_axes(self._wrist, direction, quaternion, unverified)
         }
         await self._refuse("the run goes", sorted(unconfirmed), start, expected)

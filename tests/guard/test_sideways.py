@@ -220,6 +220,16 @@ def test_axis_evidence_contradicted_once_stays_unverified() -> None:
     assert axes.unverified(aside=False) == ()
 
 
+def test_axis_without_moment_is_not_confirmed_by_others() -> None:
+    """A force across the tool says nothing about the axis along it."""
+    wrist = Wrist().at_orientation(UPRIGHT, UPRIGHT, DOWN)
+    axes = AxisEvidence(LEVER)
+    axes.across, axes.unconfirmable = (0, 2), (2,)
+    axes.hidden(wrist, wrench_of((20.0, 0.0, -10.0)), 10.0)  # type: ignore[arg-type]
+    assert axes.unverified(aside=True) == ("Fz",)
+    assert axes.unverified(aside=False) == ()
+
+
 # --- approaches that nothing verified
 
 
