@@ -16,7 +16,8 @@ from hil_bridge.lab.campaign.drawing import Between, Draw, Setting, draw_values,
 from hil_bridge.lab.identification.identifying import identify_run
 from hil_bridge.lab.identification.values import Values
 from hil_bridge.record import Recording
-from hil_bridge.settings.configuration import lay_over, read_config
+from hil_bridge.settings.configuration import read_config
+from hil_bridge.settings.overrides import lay_over
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import INTERNAL_RATE_HZ, output_step
 from protocol.wrench import AXES

@@ -22,7 +22,7 @@ from hil_bridge.record import EventKind, Outcome
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
-from hil_bridge.settings.configuration import lay_over
+from hil_bridge.settings.overrides import lay_over
 from hil_bridge.site.guard.conditions import cells
 from protocol.devices.s3.arap import FunctionCode
 from tools.pages import run_jobs, table

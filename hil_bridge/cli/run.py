@@ -146,8 +146,9 @@ def run(
     from hil_bridge.runs.resuming import describe_resume, resume_config
     from hil_bridge.runs.session import execute
     from hil_bridge.runs.views import Views
-    from hil_bridge.settings.configuration import lay_over, load_config
+    from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.devices import robot_in
+    from hil_bridge.settings.overrides import lay_over
     from hil_bridge.settings.program import in_file
 
     if record is not None and no_record:

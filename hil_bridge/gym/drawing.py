@@ -11,8 +11,9 @@ from hil_bridge.lab.campaign.draw_file import draw_of, try_options
 from hil_bridge.lab.campaign.drawing import EVERY, Draw, draw_values, numbers_of
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.runs.faults.wrong_controller import CONTROLLER
-from hil_bridge.settings.configuration import Config, dump, lay_over
+from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.settings.given import Source, config_of
+from hil_bridge.settings.overrides import lay_over
 
 Tables: TypeAlias = Sequence[Mapping[str, Any]]
 _CELL = "the environment"

@@ -59,8 +59,8 @@ def test_unmet_criterion_shows_value_and_bounds(
 
 
 def test_figures_by_cell_agree_with_bounds() -> None:
-    result = FigureResult("force_true_max_n", "a cell", 3, 0, 12.9996, 13.0, 13.0004, bounds=(13.0,))
-    ((*_, least, median, largest),) = figures_section([result]).rows
+    result = FigureResult("force_true_max_n", "a cell", 3, 0, 12.9996, 13.0, 13.0004, 13.0, 0.0004, (13.0,))
+    ((*_, least, median, largest, _, _),) = figures_section([result]).rows
     assert (least, median, largest) == ("12.9996 N", "13 N", "13.0004 N")
 
 

@@ -1,5 +1,5 @@
-"""Runs in a drawn order of callbacks: bugs that depend on the order are noticed, and told as callbacks that changed
-places.
+"""Runs in a drawn order of callbacks: bugs that depend on the order are noticed, and the callbacks that changed
+places are named.
 """
 
 import asyncio

@@ -84,7 +84,7 @@ def test_compare_json_has_figures_and_settings(stopped: Path, recordings: Record
         summary = summarise(read(path))
         figures = {**summary.figures, **summary.response, **summary.contact}
         assert values["runs"][name] == {"outcome": summary.outcome, **figures}
-    assert values["settings"]["task.force_n"] == {"stopped": "10.0", "other": "8.0"}
+    assert values["settings"]["task.force_n"] == {"stopped": "10", "other": "8"}
     assert not Path("compare.html").exists()
 
 

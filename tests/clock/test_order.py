@@ -55,7 +55,7 @@ def test_all_changes_ready_callbacks_too() -> None:
     assert {names[3:] for names in drawn("all")} == {("d", "e"), ("e", "d")}
 
 
-def test_deferrable_timer_comes_before_or_after_another_of_equal_time() -> None:
+def test_deferrable_timer_changes_places_with_others() -> None:
     places = {names.index("deferrable") for names in drawn("timers", deferrable=True)}
     assert places == {0, 3}
 
@@ -85,12 +85,12 @@ def test_late_loop_runs_timers_in_their_order_within_bound() -> None:
 
 
 def test_only_named_iterations_deviate_and_are_observed() -> None:
-    order, seen = VirtualOrder("timers", 2), list[Deviation]()
+    order, deviations = VirtualOrder("timers", 2), list[Deviation]()
     usual = called(None)
     assert called(OrderDraws(order, only=())) == usual
-    changed = called(OrderDraws(order, observe=seen.append))
+    changed = called(OrderDraws(order, observe=deviations.append))
     assert changed != usual
-    (deviation,) = seen
+    (deviation,) = deviations
     assert called(OrderDraws(order, only=[deviation.number])) == changed
     assert str(deviation).endswith(f" at {VIRTUAL_EPOCH + 1e-3:.6f} s")
     assert sorted(deviation.usual) == sorted(deviation.drawn)

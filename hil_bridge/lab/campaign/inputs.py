@@ -19,7 +19,8 @@ from hil_bridge.lab.campaign.judging import Job
 from hil_bridge.lab.campaign.overlay import POLICY_FILE
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done
-from hil_bridge.settings.configuration import Config, lay_over
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.overrides import lay_over
 
 KEYS = (POLICY_FILE, "controller.parameters.rules_file", "cell.surface.height_map_file")
 """Settings that name a data file."""

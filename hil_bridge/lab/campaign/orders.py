@@ -12,7 +12,7 @@ from hil_bridge.runs.simulation import simulating
 from hil_bridge.settings.configuration import Config
 
 
-def order_told(config: Config, figures: Mapping[str, Figure]) -> tuple[str, ...]:
+def describe_order(config: Config, figures: Mapping[str, Figure]) -> tuple[str, ...]:
     """Return the fewest callbacks that must change places for a run to differ, as text; none for a run that keeps the
     promise of equal decisions.
     """

@@ -9,8 +9,9 @@ from hil_bridge.control import make_controller
 from hil_bridge.control.laws.policy import PolicyFile
 from hil_bridge.runs.faults.wrong_controller import CONTROLLER, CONTROLLER_FAULTS, LyingController
 from hil_bridge.runs.setup import Setup
-from hil_bridge.settings.configuration import Config, lay_over, read_config
+from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.settings.given import config_of
+from hil_bridge.settings.overrides import lay_over
 
 POLICY_FILE = "controller.parameters.file"
 """Setting that names the file of a policy."""

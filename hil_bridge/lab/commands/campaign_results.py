@@ -35,7 +35,7 @@ def rerun(
     """
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.judging import configure_run, run
-    from hil_bridge.lab.campaign.orders import order_told
+    from hil_bridge.lab.campaign.orders import describe_order
     from hil_bridge.lab.campaign.plan import code_version
     from hil_bridge.lab.campaign.repeating import compare_run, repeat_of, select_runs
     from hil_bridge.lab.campaign.store import Store
@@ -55,7 +55,7 @@ def rerun(
             new = run(config)
             place = folder / f"{done.key}.mcap"
             saved = "" if new.result is None else str(new.result.save(place, overwrite=overwrite))
-            comparison = compare_run(repeat, new, saved, order_told(config, new.figures))
+            comparison = compare_run(repeat, new, saved, describe_order(config, new.figures))
             repeated.append(comparison)
             if not as_json:
                 echo_lines(harmless(line) for line in comparison.lines)

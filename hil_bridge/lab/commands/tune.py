@@ -187,7 +187,8 @@ def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, A
     pace.
     """
     from hil_bridge.runs.setup import Setup
-    from hil_bridge.settings.configuration import lay_over, load_config, read_values
+    from hil_bridge.settings.configuration import load_config, read_values
+    from hil_bridge.settings.overrides import lay_over
 
     values = read_values(place) if place is not None else {}
     lay_over(values, overrides)

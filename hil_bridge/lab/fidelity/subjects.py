@@ -30,7 +30,8 @@ from hil_bridge.record.foreign import BagChoices
 from hil_bridge.record.ros.bag_file import is_bag
 from hil_bridge.record.ros.bag_reader import read_bag
 from hil_bridge.runs.replay import changes_of, recorded_config
-from hil_bridge.settings.configuration import Config, lay_over, load_config
+from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.overrides import lay_over
 
 STANDSTILL = "inputs: the recording has none, so the emulated robot is stationary"
 _TABLES = (".csv", ".tsv", ".txt", ".dat")

@@ -18,8 +18,8 @@ from hil_bridge.lab.identification.surface import DAMPING, EXPONENT, FRICTION, S
 from hil_bridge.lab.identification.text import describe
 from hil_bridge.lab.tuning.writing import absolute_files, toml
 from hil_bridge.record.analysis.site_latency import robot_quantiles_ms
-from hil_bridge.settings.configuration import lay_over
 from hil_bridge.settings.devices import robot_in, sensor_in
+from hil_bridge.settings.overrides import lay_over
 
 _DRIFTS = 2.0
 """Smallest drift that is set, in half widths of its interval. Chosen: a smaller drift may be zero."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
 from hil_bridge.record import CycleRecord, Recording
 
-_DECIDED = ("phase", "step", "asked", "verdict", "reasons", "held", "in_contact")
+_DECIDED = ("phase", "step", "verdict", "reasons", "held", "in_contact")
 """Fields of a cycle that are equal under any order."""
 _ROUNDED = (
     "started_at",

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from hil_bridge.errors.text_files import toml_pair
-from hil_bridge.settings.configuration import Config, lay_over
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.overrides import lay_over
 from hil_bridge.settings.places import FILE_KEYS
 
 
