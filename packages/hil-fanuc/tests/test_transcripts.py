@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from fanuc_desk import START, T0
-from hil_fanuc.arms import FanucArm, straight_tool
+from hil_fanuc.arms import FanucArm
 from hil_fanuc.controller import FanucController
 from hil_fanuc.packets import JOINTS, Command, Report, decode_to_client, decode_to_robot
 from hil_fanuc.panel import FANUC_CONTROLS
@@ -16,6 +16,7 @@ from hil_fanuc.profile import FanucProfile
 from hil_fanuc.rmi import LineReader, Message, ProgramStatus
 from hil_fanuc.rmi_server import Connection, Door
 
+from emulators.arm.chain import straight_tool
 from emulators.orders import Act, ReceivedOrder
 from emulators.seams import StartPose
 from protocol.datagram import Datagram
