@@ -81,11 +81,15 @@ class Clock:
         return cls(asyncio.get_running_loop())
 
     def draw_order(self, order: VirtualOrder) -> None:
-        """Run callbacks in this order from now on. Does nothing in real time, or in a loop that was created with
-        draws of its own.
+        """Run callbacks in this order from now on, or in that with which the loop was created. Does nothing in real
+        time.
         """
-        if isinstance(self.loop, VirtualLoop) and self.loop.order is None:
+        if not isinstance(self.loop, VirtualLoop):
+            return
+        if self.loop.order is None:
             self.loop.order = order.draws()
+        else:
+            self.loop.order.active = True
 
     def call_deferrable(
         self, when: float, last_deadline: Callable[[float], float], callback: Callable[[], object]

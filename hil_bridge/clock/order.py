@@ -75,10 +75,13 @@ class OrderDraws:
         order: VirtualOrder,
         only: Container[int] | None = None,
         observe: Callable[[Deviation], object] | None = None,
+        active: bool = True,
     ) -> None:
         """Draw orders for the iterations whose numbers are in `only`; None stands for all. `observe` receives each
         order that was drawn.
         """
+        self.active = active
+        """Whether the usual order ends: from the beginning of the loop, or from the first control cycle on."""
         self.shuffles_all = order.shuffled == "all"
         self._order, self._only, self._observe = order, only, observe
         self._count = 0
@@ -86,13 +89,13 @@ class OrderDraws:
 
     def late(self, when: float) -> float:
         """Return the time at which the loop wakes for a timer at `when`, s."""
-        if self._lateness is None:
+        if self._lateness is None or not self.active:
             return when
         return when + self._lateness.random() * self._order.late_us * 1e-6
 
     def arranged(self, callbacks: list[Any], now: float, name: Callable[[Any], str]) -> list[Any]:
         """Return callbacks that are due together in the order in which they run. `name` describes a callback."""
-        if len(callbacks) < 2 or self._order.shuffled == "none":
+        if len(callbacks) < 2 or self._order.shuffled == "none" or not self.active:
             return callbacks
         number = self._count
         self._count += 1

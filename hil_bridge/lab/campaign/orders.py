@@ -5,7 +5,8 @@ from collections.abc import Callable, Collection, Mapping
 from hil_bridge.clock import run_virtual
 from hil_bridge.clock.order import Deviation, OrderDraws, VirtualOrder
 from hil_bridge.lab.campaign.criteria import Figure
-from hil_bridge.lab.invariants import Evidence, Promise, broken_promises
+from hil_bridge.lab.invariants import Evidence, Promise
+from hil_bridge.lab.invariants.order import other_in_drawn_order
 from hil_bridge.record import Recording
 from hil_bridge.record.topics import RECORDS
 from hil_bridge.runs.simulation import simulating
@@ -30,11 +31,10 @@ def fewest_deviations(config: Config) -> tuple[Deviation, ...]:
     usual = record(config.model_copy(update={"virtual": VirtualOrder()}), None)
 
     def differs(only: Collection[int]) -> bool:
-        evidence = Evidence(record(config, OrderDraws(order, only)), config, usual=usual)
-        return any(one.promise is Promise.ORDER for one in broken_promises(evidence))
+        drawn = record(config, OrderDraws(order, only, active=False))
+        return any(other_in_drawn_order(Evidence(drawn, config, usual=usual)))
 
-    drawn = _deviations(config, order, None)
-    numbers = [one.number for one in drawn]
+    numbers = [one.number for one in _deviations(config, order, None)]
     if not differs(numbers):
         return ()
     left = frozenset(fewest(numbers, differs))
@@ -53,7 +53,7 @@ def record(config: Config, order: OrderDraws | None) -> Recording:
 
 
 def fewest(numbers: list[int], fails: Callable[[Collection[int]], bool]) -> list[int]:
-    """Return a part of the numbers that still fails, and of which no number can be left out.
+    """Return a part of the numbers that still fails; without any one of them, it does not.
 
     Delta debugging: halves, quarters and smaller parts are left out in turn. Source: A. Zeller and R. Hildebrandt,
     Simplifying and Isolating Failure-Inducing Input, IEEE Trans. Software Eng. 28(2), 2002.
@@ -75,5 +75,5 @@ def fewest(numbers: list[int], fails: Callable[[Collection[int]], bool]) -> list
 
 def _deviations(config: Config, order: VirtualOrder, only: Collection[int] | None) -> list[Deviation]:
     deviations: list[Deviation] = []
-    record(config, OrderDraws(order, only, deviations.append))
+    record(config, OrderDraws(order, only, deviations.append, active=False))
     return deviations
