@@ -86,8 +86,9 @@ class Peer(Generic[Address]):
 
     def __init__(self, address: Address | None = None, refuse: bool = False, sender: str = "") -> None:
         """`sender` is the only host whose datagrams are accepted; empty for any. Others are refused as strangers."""
-        self.address, self.sender = address, sender
+        self.address = address
         """Address to send to; None until the other side has sent a datagram."""
+        self.sender = sender
         self.strangers = 0
         """Number of datagrams from strangers."""
         self.refused = 0
