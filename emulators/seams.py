@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler
+from emulators.target_times import TargetTimes
 from protocol.arm_size import PerAxis
 from protocol.endpoint import Endpoint
 from protocol.geometry import Pose, Quaternion, Vector
@@ -101,14 +102,8 @@ class EmulatedRobot(Protocol):
         """Handlers of the faults of the robot."""
 
     @property
-    def accepted(self) -> int:
-        """Number of targets accepted so far; the first target has the number 1."""
-
-    def begun_at(self, target: int) -> float | None:
-        """Return the time at which the motion towards the target with this number began, s.
-
-        The result is None while the time is unknown, and NaN for a target that was dropped.
-        """
+    def targets(self) -> TargetTimes:
+        """Times at which targets arrived, and at which the motions to them began."""
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         """Return the joint angles for the true `pose` at the time `at`, s.

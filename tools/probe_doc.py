@@ -107,7 +107,7 @@ def look_at(case: Case) -> Look:
                 look.refusals = [Trouble(error.fact, error.remedy)]
             look.took_s = clock.now() - begun
             look.way_m = math.dist(before, _place(robot, clock.now()))
-            look.accepted, look.acts = robot.accepted, [order.act for order in orders]
+            look.accepted, look.acts = robot.targets.accepted, [order.act for order in orders]
         clock.close()
 
     run_virtual(main)

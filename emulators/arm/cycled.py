@@ -5,13 +5,13 @@ moves in a straight line at constant speed. The path keeps the last ten seconds.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.target_times import TargetTimes
 from protocol.geometry import Pose, Quaternion
 
 Floats = NDArray[np.float64]
@@ -22,8 +22,6 @@ _PAST_S = 10.0
 """Length of the past path that is kept, s. Chosen: longer than any stall of a process after which its run is still
 useful.
 """
-_BEGINS = 256
-"""Number of motion starts that are kept. Chosen: more than a reader requests."""
 
 
 def _unread(time: float) -> None:
@@ -43,11 +41,9 @@ class CycledPath:
         self.next_pose = start
         """Tool pose at the end of the current cycle."""
         self.on_change: Callable[[float], object] = _unread
-        self.accepted = 0
+        self.targets = TargetTimes()
         self._next_at = powered_at + period
         """Time at which the next cycle begins, s."""
-        self._begun = 0
-        self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._size = math.ceil(_PAST_S / period) + 2
         self._places = np.empty((self._size, 3))
         """Position at the start of cycle k in row k % size, m."""
@@ -56,26 +52,6 @@ class CycledPath:
         self._places[:] = start.position
 
     # --- for the controller
-
-    def taken(self) -> None:
-        """Count one more accepted target."""
-        self.accepted += 1
-
-    def begins(self, at: float) -> None:
-        """Record that the motion to the newest target begins at `at`, s. It supersedes earlier waiting targets."""
-        while self._begun < self.accepted:
-            self._begun += 1
-            self._begins.append(at if self._begun == self.accepted else math.nan)
-
-    def begun_at(self, number: int) -> float | None:
-        """Return the time at which the motion to a target began, s.
-
-        The result is None before that time, and NaN if the target was superseded or is no longer kept.
-        """
-        if number > self._begun:
-            return None
-        back = self._begun - number
-        return self._begins[-1 - back] if back < len(self._begins) else math.nan
 
     def cycle_at(self, number: int) -> float:
         """Return the time at which a cycle begins, s."""

@@ -160,20 +160,22 @@ class FollowedArm:
         self.path: History[_FollowedServo] = History(servo, mechanics.ticks, mechanics.loop, look_ahead)
         """Past path of the arm, and its future path under the assumption that the target does not change."""
 
-    def follow(self, target: Pose, now: float) -> None:
-        """Set a new target, which applies from the first tick after `now`. Raises ValueError for a zero quaternion."""
+    def follow(self, target: Pose, now: float, arrived_at: float | None = None) -> None:
+        """Set a new target, which applies from the first tick after `now`. Its order arrived at `arrived_at`, s, by
+        default `now`. Raises ValueError for a zero quaternion.
+        """
         target = Pose(target.position, normalise(target.quaternion))
         servo = self.path.modifiable_servo(now)
         servo.target = target
         servo.waiting += 1
-        self.path.accepted += 1
+        self.path.targets.accept(now if arrived_at is None else arrived_at)
 
     def hold(self, now: float) -> None:
         """Stay at the set point of the last tick and drop all waiting targets."""
         servo = self.path.modifiable_servo(now)
         servo.target = Pose(servo.at, servo.turned)
         servo.waiting = 0
-        self.path.drop_targets()
+        self.path.targets.drop()
 
     def set_point(self, now: float) -> Pose:
         """Return the commanded tool pose at the last tick up to `now`."""

@@ -17,6 +17,7 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from emulators.arm.loops import Floats, PositionLoop, Ticks
+from emulators.target_times import TargetTimes
 from protocol.geometry import Pose, Quaternion
 
 ROUNDING_S = 1e-9
@@ -25,8 +26,6 @@ _PAST_S = 10.0
 """Length of the past path that is kept, s. Chosen: longer than any stall of a process after which its run is still
 useful.
 """
-_BEGINS = 256
-"""Number of motion starts that are kept. Chosen: more than a reader requests."""
 
 
 class Servo(Protocol):
@@ -82,11 +81,8 @@ class History(Generic[S]):
         """Callback for the time up to which the path read so far remains valid, s, when an order changes future
         ticks.
         """
-        self.accepted = 0
-        """Number of targets accepted so far; the first target has the number 1."""
-        self._begun = 0
-        """Number of targets that are no longer waiting: their motion has begun, or they were dropped."""
-        self._begins: deque[float] = deque(maxlen=_BEGINS)
+        self.targets = TargetTimes()
+        """Times of the targets. A motion begins when the position loops receive the first set point towards it."""
 
         # Item k % n describes the loops from the time when they receive set point k. It holds the factors of 1, a
         # and b in the positions and the velocities of the axes (6, 3), and the servo itself.
@@ -114,26 +110,6 @@ class History(Generic[S]):
             self.on_change(self.committed_until(now))
         self._servo = self._servo.copy()
         return self._servo
-
-    def drop_targets(self) -> None:
-        """Drop all waiting targets."""
-        while self._begun < self.accepted:
-            self._begin(math.nan)
-
-    def begun_at(self, number: int) -> float | None:
-        """Return the time at which the position loops receive the first set point towards a target, s.
-
-        The result is None while the time is unknown, and NaN for a target that was dropped. Targets are numbered
-        from 1.
-        """
-        if number > self._begun:
-            return None
-        kept = self._begun - len(self._begins)
-        return self._begins[number - kept - 1] if number > kept else math.nan
-
-    def _begin(self, at: float) -> None:
-        self._begun += 1
-        self._begins.append(at)
 
     # --- the path
 
@@ -254,7 +230,7 @@ class History(Generic[S]):
                 self._skip_idle_ticks(now)
             self._servo = self._ahead.popleft() if self._ahead else self._store(self._servo.after_tick())
             for begun_at in self._servo.begins:
-                self._begin(begun_at)
+                self.targets.begin(begun_at)
 
     def _after(self, servo: S) -> float:
         """Return the time of the next tick after a servo's tick, s."""

@@ -179,12 +179,12 @@ class WaypointArm:
             raise ValueError(f"the speed of a move must be more than 0, got {waypoint.speed:g} m/s")
         servo = self.path.modifiable_servo(now)
         servo.queue += (waypoint,)
-        self.path.accepted += 1
+        self.path.targets.accept(now)
 
     def halt(self, now: float) -> None:
         """Drop all points and stay at the set point of the last tick."""
         self.path.modifiable_servo(now).clear()
-        self.path.drop_targets()
+        self.path.targets.drop()
 
     def freeze(self, now: float, until: float) -> None:
         """Issue no new set point before `until`, s. Points are still added to the queue."""

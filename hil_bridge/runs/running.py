@@ -69,13 +69,13 @@ class _Truth:
     """Source of the emulated cell's ground truth for the log. Code of plug-ins may be involved."""
 
     def __init__(self, running: Running, cell: Cell[Any, Any]) -> None:
-        streamed = running.setup.facts.pacing is Pacing.STREAMED
+        facts = running.setup.facts
         self._log = running.log
         self._truth: GroundTruth | None = GroundTruth(
             cell,
             running.setup.sensor.is_emulated,
             self._log.hand_over,
-            streamed,
+            packet_s=(facts.cycle_s or 0.0) if facts.pacing is Pacing.STREAMED else 0.0,
             with_states=self._log.with_true_states,
         )
 

@@ -18,6 +18,8 @@ _PATIENCE_S = 1.0
 """Time after which cycles are queried even if there are fewer, s. Chosen: a viewer of the run hardly notices it, and it
 is a tenth of the history that the cell's motion keeps.
 """
+_IN_TRANSIT = 0.25
+"""Part of a packet's period after which the answer to the previous packet has reached the robot. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +29,8 @@ class _Cycle:
     number: int
     at: float
     sampled_at: float
-    target: int
-    """Number that the robot assigned to the order of the cycle."""
+    ordered_by: float
+    """Time by which the target of the cycle has arrived, s. With a streaming robot: the target before it."""
 
 
 _NO_JOINTS = (math.nan,) * 6
@@ -42,9 +44,10 @@ _NO_STATE = TrueState(_NO_VECTOR, _NO_VECTOR, (math.nan,) * 4, _NO_VECTOR, None,
 class GroundTruth:
     """Queries of the cell for several cycles at a time, once the start of the last cycle's motion is known.
 
-    `sensor_is_emulated` is True if the sensor of the run belongs to the cell. `streamed` is True if the robot sets
-    the cycle: the first target that carries the decision of a cycle is the target that answers the next packet.
-    Without `with_states`, only the times are queried, and the states are NaN.
+    `sensor_is_emulated` is True if the sensor of the run belongs to the cell. `packet_s` is the time between two
+    packets of a robot that sets the cycle, s, and 0 for another: the first target that carries the decision of a
+    cycle is the target that answers the next packet. Without `with_states`, only the times are queried, and the
+    states are NaN.
     """
 
     def __init__(
@@ -52,11 +55,11 @@ class GroundTruth:
         cell: Cell[Any, Any],
         sensor_is_emulated: bool,
         put: Callable[[TruthRecord], object],
-        streamed: bool = False,
+        packet_s: float = 0.0,
         with_states: bool = True,
     ) -> None:
         self._cell = cell
-        self._to_come = int(streamed)
+        self._packet_s = packet_s
         self._sensor_is_emulated = sensor_is_emulated
         self._with_states = with_states
         self._put = put
@@ -73,7 +76,7 @@ class GroundTruth:
                 record.cycle,
                 cell.truth_available_from(record.answered_at),
                 math.nan if sampled_at is None else sampled_at,
-                cell.robot.accepted + self._to_come,
+                record.answered_at + _IN_TRANSIT * self._packet_s,
             )
         )
         late = cycles[-1].at - cycles[0].at > _PATIENCE_S
@@ -106,7 +109,8 @@ class GroundTruth:
         robot, waiting = self._cell.robot, self._waiting
         while waiting:
             cycle, state = waiting[0]
-            begun = robot.begun_at(cycle.target)
+            target = robot.targets.arrived_by(cycle.ordered_by) + bool(self._packet_s)
+            begun = robot.targets.begun_at(target)
             if begun is None and not everything:
                 return
             waiting.popleft()

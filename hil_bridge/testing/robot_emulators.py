@@ -156,7 +156,7 @@ def test_reading_changes_nothing(robot_emulator: RobotCase) -> None:
             path, now = rig.robot.path, rig.clock.now()
             path.trajectory(np.linspace(now, path.predicted_until(now), 5))
             path.orientations(np.array([now]))
-            rig.robot.begun_at(1)
+            rig.robot.targets.begun_at(1)
             rig.robot.joints_holding(rig.true_pose(), now)
             if not rig.over:
                 rig.clock.call_at(now + 0.013, read)
@@ -172,20 +172,22 @@ def test_targets_are_counted_and_begin_after_their_order(robot_emulator: RobotCa
     async def check(rig: RobotRig) -> None:
         robot = rig.robot
         async with rig.started() as link, link.motion(LIMITS) as motion:
-            before, ordered_at = robot.accepted, rig.clock.now()
+            before, ordered_at = robot.targets.accepted, rig.clock.now()
             await rig.within(motion.to(rig.place(6.0, 0.0, 0.0)), "to")
             await rig.within(motion.settled(), "settled")
             await rig.wait(1.0)
             robot.path.advance(rig.clock.now())
-            if robot.accepted <= before:
-                raise Finding(f"an order was accepted, but `accepted` stays at {robot.accepted}")
-            begun = [robot.begun_at(number) for number in range(before + 1, robot.accepted + 1)]
+            if robot.targets.accepted <= before:
+                raise Finding(f"an order was accepted, but `accepted` stays at {robot.targets.accepted}")
+            begun = [
+                robot.targets.begun_at(number) for number in range(before + 1, robot.targets.accepted + 1)
+            ]
             known = [at for at in begun if at is not None and not math.isnan(at)]
             if not known:
-                raise Finding(f"the robot has moved, but none of {robot.accepted} targets has begun")
+                raise Finding(f"the robot has moved, but none of {robot.targets.accepted} targets has begun")
             if min(known) < ordered_at or known != sorted(known):
                 raise Finding("a target began before it was ordered, or before an earlier one")
-            if robot.begun_at(robot.accepted + 1000) is not None:
+            if robot.targets.begun_at(robot.targets.accepted + 1000) is not None:
                 raise Finding("a target began that was never ordered")
 
     run_robot(robot_emulator, check)

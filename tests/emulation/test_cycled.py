@@ -84,16 +84,16 @@ def test_path_is_committed_to_end_of_cycle() -> None:
 
 def test_superseded_targets_never_begin() -> None:
     path = Wave().path
-    assert path.begun_at(1) is None
+    assert path.targets.begun_at(1) is None
     for _ in range(3):
-        path.taken()
-    path.begins(T0 + 1.0)
-    path.taken()
-    assert path.accepted == 4
-    assert math.isnan(path.begun_at(1) or 0.0)
-    assert path.begun_at(3) == T0 + 1.0
-    assert path.begun_at(4) is None
-    for _ in range(300):
-        path.taken()
-        path.begins(T0 + 2.0)
-    assert math.isnan(path.begun_at(3) or 0.0), "long forgotten"
+        path.targets.accept(T0)
+    path.targets.begin_newest(T0 + 1.0)
+    path.targets.accept(T0 + 1.0)
+    assert path.targets.accepted == 4
+    assert math.isnan(path.targets.begun_at(1) or 0.0)
+    assert path.targets.begun_at(3) == T0 + 1.0
+    assert path.targets.begun_at(4) is None
+    for _ in range(2000):
+        path.targets.accept(T0 + 2.0)
+        path.targets.begin_newest(T0 + 2.0)
+    assert math.isnan(path.targets.begun_at(3) or 0.0), "long forgotten"

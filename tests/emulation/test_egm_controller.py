@@ -183,13 +183,13 @@ def test_path_is_independent_of_reads() -> None:
 
 def test_begun_at_reports_start_of_motion() -> None:
     line = Line(**AT_ONCE).cycles(2, lambda received: [to(z=-1.0)])
-    assert line.robot.accepted == 2
-    assert line.robot.begun_at(1) == pytest.approx(
+    assert line.robot.targets.accepted == 2
+    assert line.robot.targets.begun_at(1) == pytest.approx(
         T0 + 2 * CYCLE
     )  # taken with cycle 1, its set point one later
-    assert line.robot.begun_at(2) is None
+    assert line.robot.targets.begun_at(2) is None
     line.inject("robot", "program-restarted")
-    assert math.isnan(line.robot.begun_at(2) or 0.0)
+    assert math.isnan(line.robot.targets.begun_at(2) or 0.0)
 
 
 # --- the queue
@@ -209,7 +209,7 @@ def test_newest_only_queue_takes_newest_message() -> None:
     line.send(to(z=-1.0), to(z=-2.0), to(z=-3.0))
     line.cycles(2)
     assert line.z() == pytest.approx([-3.0 * 5.0 * CYCLE])
-    assert [math.isnan(line.robot.begun_at(k) or 0.0) for k in (1, 2, 3)] == [True, True, False]
+    assert [math.isnan(line.robot.targets.begun_at(k) or 0.0) for k in (1, 2, 3)] == [True, True, False]
 
 
 def test_cycles_without_message_are_counted() -> None:
@@ -220,16 +220,16 @@ def test_cycles_without_message_are_counted() -> None:
 def test_full_queue_drops_newest_messages() -> None:
     line = Line(rx_queue_len=3).cycles(2)
     line.send(*(to(z=-float(k)) for k in range(5)))
-    assert (line.robot.accepted, line.robot.counters["queue full"]) == (3, 2)
+    assert (line.robot.targets.accepted, line.robot.counters["queue full"]) == (3, 2)
 
 
 @pytest.mark.parametrize(("check", "accepted"), [("ignore", 3), ("drop_old", 2)])
 def test_message_with_old_number_may_be_dropped(check: str, accepted: int) -> None:
     line = Line(seqno_check=check).cycles(2)
     line.send(to()._replace(seqno=5), to()._replace(seqno=4), to()._replace(seqno=7))
-    assert line.robot.accepted == accepted
+    assert line.robot.targets.accepted == accepted
     line.send(to()._replace(seqno=0))  # restarts
-    assert line.robot.accepted == accepted + 1
+    assert line.robot.targets.accepted == accepted + 1
 
 
 # --- invalid messages
@@ -256,7 +256,7 @@ def test_unusable_message_does_not_extend_timeout(
     message: Answer | bytes,
 ) -> None:
     line = Line().streams(1.2, message)
-    assert line.robot.accepted == 0
+    assert line.robot.targets.accepted == 0
     assert line.robot.counters["unusable"] > 200
     assert line.robot.receiver.unusable
     assert line.robot.session.state is State.TIMED_OUT
@@ -265,7 +265,7 @@ def test_unusable_message_does_not_extend_timeout(
 
 def test_empty_message_only_extends_timeout() -> None:
     line = Line().streams(1.2, SensorMessage(0))
-    assert (line.robot.session.state, line.robot.accepted) == (State.GUIDING, 0)
+    assert (line.robot.session.state, line.robot.targets.accepted) == (State.GUIDING, 0)
 
 
 @given(st.lists(st.binary(max_size=90) | st.sampled_from([encode_answer(to(z=-1.0))]), max_size=8))

@@ -82,7 +82,7 @@ def test_hold_stops_at_set_point_and_drops_targets() -> None:
     # 50 ticks at 250 mm/s.
     assert place == pytest.approx(START[0] + 50 * 0.001, abs=1e-12)
     assert followed.pose(now + 1.0).position[0] == pytest.approx(place, abs=1e-9)
-    abandoned = followed.path.begun_at(2)
+    abandoned = followed.path.targets.begun_at(2)
     assert abandoned is not None
     assert math.isnan(abandoned)
 
@@ -118,10 +118,10 @@ def test_target_begins_with_first_set_point() -> None:
     followed = arm()
     followed.follow(at(x=0.01), T0 + 0.001)
     followed.follow(at(x=0.02), T0 + 0.002)
-    assert followed.path.accepted == 2
-    assert followed.path.begun_at(1) is None
+    assert followed.path.targets.accepted == 2
+    assert followed.path.targets.begun_at(1) is None
     followed.path.advance(T0 + 0.005)
-    overtaken, begun = followed.path.begun_at(1), followed.path.begun_at(2)
+    overtaken, begun = followed.path.targets.begun_at(1), followed.path.targets.begun_at(2)
     assert overtaken is not None
     assert math.isnan(overtaken)
     assert begun == pytest.approx(T0 + CYCLE + DELAY)

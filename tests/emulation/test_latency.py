@@ -231,10 +231,10 @@ def test_motion_begins_with_first_set_point_of_loops() -> None:
     motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     motion.enqueue(Waypoint((0.91, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.enqueue(Waypoint((0.91, -0.1, 0.59), DOWN, 0.1), T0 + 0.006)
-    assert motion.path.accepted == 2
-    assert motion.path.begun_at(1) is None, "no reader has looked on since"
+    assert motion.path.targets.accepted == 2
+    assert motion.path.targets.begun_at(1) is None, "no reader has looked on since"
     motion.path.advance(T0 + 1.0)
-    first, second = motion.path.begun_at(1), motion.path.begun_at(2)
+    first, second = motion.path.targets.begun_at(1), motion.path.targets.begun_at(2)
     assert first == pytest.approx(T0 + TICK + DELAY)
     # 10 mm at 100 mm/s are five ticks.
     assert second == pytest.approx(T0 + 6 * TICK + DELAY)
@@ -254,12 +254,12 @@ def test_dropped_target_never_begins() -> None:
     motion.halt(T0 + 0.05)
     motion.enqueue(Waypoint(START, DOWN, 0.1), T0 + 0.051)
     motion.path.advance(T0 + 1.0)
-    begun = motion.path.begun_at(2)
+    begun = motion.path.targets.begun_at(2)
     assert begun is not None
     assert math.isnan(begun)
-    assert motion.path.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
-    assert motion.path.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
-    assert motion.path.begun_at(4) is None
+    assert motion.path.targets.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
+    assert motion.path.targets.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
+    assert motion.path.targets.begun_at(4) is None
 
 
 def test_number_of_kept_motion_starts_is_limited() -> None:
@@ -267,7 +267,7 @@ def test_number_of_kept_motion_starts_is_limited() -> None:
     for k in range(300):
         motion.enqueue(Waypoint((0.9 + 1e-3 * (k % 2), -0.1, 0.6), DOWN, 10.0), T0 + 0.02 * k)
     motion.path.advance(T0 + 10.0)
-    forgotten, kept = motion.path.begun_at(10), motion.path.begun_at(300)
+    forgotten, kept = motion.path.targets.begun_at(10), motion.path.targets.begun_at(300)
     assert forgotten is not None
     assert math.isnan(forgotten)
     assert kept == pytest.approx(T0 + 300 * TICK + DELAY)

@@ -279,9 +279,9 @@ def test_prediction_takes_no_point_early() -> None:
     motion.enqueue(Waypoint(shifted(x=0.0015), DOWN, 0.05), T0 + 0.001)
     motion.enqueue(Waypoint(shifted(x=0.003), DOWN, 0.05), T0 + 0.001)
     motion.path.trajectory(np.array([T0, motion.path.predicted_until(T0 + 0.002)]))
-    assert motion.path.begun_at(1) is None
+    assert motion.path.targets.begun_at(1) is None
     assert motion.waiting(T0 + 0.002) == 2
     assert motion.goal(T0 + 0.002)[0] == shifted(x=0.003)
-    assert motion.path.begun_at(1) is None
+    assert motion.path.targets.begun_at(1) is None
     assert motion.waiting(T0 + 0.05) == 1
-    assert motion.path.begun_at(2) == pytest.approx(T0 + 2 * TICK + DELAY)
+    assert motion.path.targets.begun_at(2) == pytest.approx(T0 + 2 * TICK + DELAY)

@@ -35,19 +35,13 @@ class StreamedRobot:
     def __init__(self, start: StartPose, now: float, seed: int) -> None:
         self.arm = FollowedArm(FollowedProfile(), Pose(start.position, start.quaternion), now)
         self.path = self.arm.path
+        self.targets = self.arm.path.targets
         self.deaf: list[Injection] = []
         self.handlers = {"stream": {"deaf": Handler(self.deaf.append)}}
 
     @property
     def endpoint(self) -> "StreamedRobot":
         return self
-
-    @property
-    def accepted(self) -> int:
-        return self.path.accepted
-
-    def begun_at(self, target: int) -> float | None:
-        return self.path.begun_at(target)
 
     def joints_holding(self, pose: Pose, at: float) -> None:
         return None
@@ -121,8 +115,8 @@ def test_third_party_devices_make_cell() -> None:
     lower(cell, FLOOR - 0.005, T0 + 0.001)
     assert cell.sensor.force(T0 + 0.02) == pytest.approx(0.0, abs=0.6)
     cell.robot.path.advance(T0 + 1.0)
-    assert cell.robot.accepted == 1
-    assert cell.robot.begun_at(1) == pytest.approx(T0 + 0.012)
+    assert cell.robot.targets.accepted == 1
+    assert cell.robot.targets.begun_at(1) == pytest.approx(T0 + 0.012)
     # A tool pointing down: a push up is a negative fz.
     readings = [cell.sensor.force(T0 + 1.0 + k / 500.0) for k in range(500)]
     assert np.mean(readings) == pytest.approx(-STIFFNESS * 0.005, abs=0.02)
@@ -146,9 +140,9 @@ def test_faults_are_those_of_parts() -> None:
     cell = toy_cell()
     deaf = cell.inject("stream", "deaf", T0 + 0.5, for_s=1.0)
     lower(cell, FLOOR, T0 + 1.0)
-    assert (cell.robot.accepted, deaf.struck) == (0, 1)
+    assert (cell.robot.targets.accepted, deaf.struck) == (0, 1)
     lower(cell, FLOOR, T0 + 1.5)
-    assert cell.robot.accepted == 1
+    assert cell.robot.targets.accepted == 1
     with pytest.raises(ValueError, match=r"^unknown target 'robot'; known: stream, bus, surface[^\n]+$"):
         cell.inject("robot", "motors-off", T0 + 2.0)
     with pytest.raises(ValueError, match=r"^this cell cannot have surface: step; [^\n]+$"):

@@ -260,7 +260,7 @@ def test_stability_interpolator_wait_matches_emulator() -> None:
         ordered = now + (phase + 0.5) / 50 * tick
         arm.enqueue(Waypoint((0.9, 0.0, 0.6 - 2 * STEP), (0.0, 1.0, 0.0, 0.0), 0.05), ordered)
         arm.path.advance(ordered + 1.0)
-        accepted = arm.path.begun_at(1)
+        accepted = arm.path.targets.begun_at(1)
         assert accepted is not None
         assert arm.path.at(accepted + 1e-6)[0].loops.set_point[2] == round(0.6 / STEP) - 2
         waits.append(accepted - ordered - transport)

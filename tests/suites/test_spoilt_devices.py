@@ -93,7 +93,7 @@ SPOILT_ROBOTS: dict[str, tuple[Callable[[Any, float], Any], str]] = {
         "the path jumps",
     ),
     "test_committed_path_never_changes": (
-        lambda robot, now: Around(robot, path=moved(robot.path, lambda times: 1e-6 * robot.accepted)),
+        lambda robot, now: Around(robot, path=moved(robot.path, lambda times: 1e-6 * robot.targets.accepted)),
         "the committed part of the path",
     ),
     "test_reading_changes_nothing": (read_changes, "reading the path changed the path"),

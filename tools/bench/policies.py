@@ -65,9 +65,13 @@ def processes_of_cells() -> list[int]:
 
 def processor_time() -> float:
     """Return the processor time of this process and of the emulated cells, s."""
-    fields = [
-        Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in processes_of_cells()
-    ]
+    while True:
+        try:
+            stats = [Path(f"/proc/{pid}/stat").read_text() for pid in processes_of_cells()]
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # a process has just ended, and its parent counts its time
+        break
+    fields = [stat.rpartition(")")[2].split() for stat in stats]
     return time.process_time() + sum(int(ticks) for each in fields for ticks in each[11:15]) / TICKS_PER_S
 
 

@@ -70,7 +70,7 @@ class EgmController:
         self.path: ArmPath = self._arm.path
         self.receiver = Receiver(profile, kinematics, self.counters, self.unmodelled, now)
         self.queue = MessageQueue(profile)
-        self.begun_at = self.queue.begun_at
+        self.targets = self.queue.targets
         self.reporter = Reporter(profile, self.motion, self._arm, now, seed)
         self._out: list[bytes] = []
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} egm")
@@ -96,10 +96,6 @@ class EgmController:
 
     def feel(self, contact: ContactSource) -> None:
         self.reporter.feel(contact)
-
-    @property
-    def accepted(self) -> int:
-        return self.queue.accepted
 
     joint_stiffness, mode = JOINT_STIFFNESS, MODE
 
@@ -141,7 +137,7 @@ class EgmController:
             self.counters["not expected"] += 1
             return
         message = self.receiver.accept(datagram, now)
-        if message is not None and not self.queue.put(message):
+        if message is not None and not self.queue.put(message, now):
             self.counters["queue full"] += 1
 
     # --- one cycle
@@ -168,7 +164,7 @@ class EgmController:
         profile = self._profile
         self.motion.take(message)
         moves = self.session.state is State.GUIDING
-        self.queue.note_begin(at + profile.arm.servo_delay_cycles * self._period if moves else math.nan)
+        self.targets.begin(at + profile.arm.servo_delay_cycles * self._period if moves else math.nan)
         ends = isinstance(message, SensorMessage) and message.digital and profile.rw == "7"
         if ends and profile.di_ends_run:
             self.end_guidance(at)

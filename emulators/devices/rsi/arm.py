@@ -25,6 +25,7 @@ class CorrectedArm:
         self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
         self.path, self.pose, self.hold = self._arm.path, self._arm.pose, self._arm.hold
         self.set_point = self._arm.set_point
+        self._period = profile.period
         self.kinematics = KukaArm(profile.model, start.tool_length)
         pose = self.set_point(now)
         axes = self.kinematics.holding(pose)
@@ -79,7 +80,7 @@ class CorrectedArm:
         if math.dist(self._ordered[0].position, before[0].position) > limit + _ROUNDING_M:
             self._ordered = before
             return TOO_FAST
-        self._arm.follow(self._ordered[0], now)
+        self._arm.follow(self._ordered[0], now, now - self._period)
         return ""
 
     def _order(self, tool: Correction, by_axes: AxisCorrection) -> bool:

@@ -47,6 +47,7 @@ class RsiController:
         self.profile = profile
         self._arm = CorrectedArm(profile, start, now)
         self.path: ArmPath = self._arm.path
+        self.targets = self._arm.path.targets
         self.pose, self.feel = self._arm.pose, self._arm.feel
         self.desk = Desk()
         """Actions of the operator at the panel."""
@@ -65,13 +66,6 @@ class RsiController:
         self.orders, self.unmodelled = Orders(), Unmodelled("rsi")
         self.state = State.ON
         self._session = self._make_session(now)
-
-    @property
-    def accepted(self) -> int:
-        return self._arm.path.accepted
-
-    def begun_at(self, target: int) -> float | None:
-        return self._arm.path.begun_at(target)
 
     joint_stiffness, mode = JOINT_STIFFNESS, MODE
 

@@ -202,8 +202,8 @@ class Controller:
 
     def target_changed(self) -> None:
         """Record that a program has a new target from this cycle on."""
-        self.path.taken()
-        self.path.begins(self.now)
+        self.path.targets.accept(self.now - self.period)
+        self.path.targets.begin_newest(self.now)
 
     # --- stops
 

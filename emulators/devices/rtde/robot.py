@@ -34,7 +34,7 @@ class RtdeRobot:
         self._disturbance = Disturbance(controller, self._cable.handlers, self._cable.program_handlers)
         self.path: ArmPath = controller.path
         self.handlers: Handlers = self._disturbance.handlers
-        self.begun_at = controller.path.begun_at
+        self.targets = controller.path.targets
         self.orders, self.hindrance = controller.orders, controller.state.hindrance
         self.unmodelled = controller.unmodelled
         self.feel, self.carry = controller.force.feel, controller.force.carry
@@ -45,10 +45,6 @@ class RtdeRobot:
     def endpoint(self) -> Server:
         """Open another connection to the RTDE port."""
         return self._serve(Port.RTDE, self.controller.now)
-
-    @property
-    def accepted(self) -> int:
-        return self.controller.path.accepted
 
     @property
     def joint_stiffness(self) -> Joints:

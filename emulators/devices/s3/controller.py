@@ -23,6 +23,7 @@ from emulators.faults.packets import BYTES, WIRE, Packets
 from emulators.orders import Act, Hindrance, Orders, Reach, ReceivedOrder
 from emulators.quantiles import draw
 from emulators.seams import ArmPath, StartPose
+from emulators.target_times import TargetTimes
 from protocol.devices.s3.adlp import MessageReceived
 from protocol.devices.s3.arap import (
     FunctionCode,
@@ -145,16 +146,9 @@ class S3Controller:
         return self.motion.path
 
     @property
-    def accepted(self) -> int:
-        """Number of points accepted so far."""
-        return self.motion.path.accepted
-
-    def begun_at(self, target: int) -> float | None:
-        """Return the time at which the motion to the point with this number began, s.
-
-        None while it is not known; NaN for a cancelled point.
-        """
-        return self.motion.path.begun_at(target)
+    def targets(self) -> TargetTimes:
+        """Times of the points."""
+        return self.motion.path.targets
 
     def joints_holding(self, pose: Pose, at: float) -> Joints:
         """Return axes 1 to 6 for a true tool pose at the time `at`, s, rad. The motion must be known up to that

@@ -64,7 +64,7 @@ def test_client_and_arm_understand_each_other() -> None:
     assert event.report.pose.position == START.position
     client.target(event.report.pose._replace(position=(0.9, 0.0, 0.599)), 0.001)
     arm.receive(client.data_to_send(0.001), 0.001)
-    assert arm.accepted == 1
+    assert arm.targets.accepted == 1
 
 
 def test_a_client_that_looks_at_the_stop_passes(hil_conform: Callable[..., Any]) -> None:

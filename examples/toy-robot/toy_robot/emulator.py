@@ -32,15 +32,9 @@ class Arm:
         self.endpoint = self
         self.orders = Orders()
         self.path: ArmPath = self._arm.path
+        self.targets = self._arm.path.targets
         self._faults = OwnFaults()
         self.handlers: Handlers = {"robot": self._faults.held(ARM_FAULTS["robot"])}
-
-    @property
-    def accepted(self) -> int:
-        return self._arm.path.accepted
-
-    def begun_at(self, target: int) -> float | None:
-        return self._arm.path.begun_at(target)
 
     def hindrance(self, now: float) -> Hindrance | None:
         """Return why set points do not move it, for `hil-bridge conform` and the panel."""

@@ -63,7 +63,7 @@ class FanucController:
         self.rmi_motions = RmiMotions(profile, lambda: self.set_points.limits)
         self.set_points.motion = self.rmi_motions.motion = self.motion
         self.path: ArmPath = self.motion.path
-        self.begun_at = self.motion.path.begun_at
+        self.targets = self.motion.path.targets
         self.reporter = Reporter(profile, self.motion, self.program, self.server, seed)
         self.reporter.begin(now)
         self.server.command_position = self.reporter.set_point
@@ -107,10 +107,6 @@ class FanucController:
             WIRE: {**self.endpoint.handlers, **self._faults.held(("wrong-number",))},
             "witness": {**self.reporter.force.handlers, **self.reporter.faults.held(("missing",))},
         }
-
-    @property
-    def accepted(self) -> int:
-        return self.motion.path.accepted
 
     @property
     def joint_stiffness(self) -> PerAxis:
@@ -190,7 +186,7 @@ class FanucController:
         before = len(self.server.buffer)
         self.server.handle(packet, side, now)  # type: ignore[arg-type]
         if len(self.server.buffer) > before:
-            self.motion.path.taken()
+            self.targets.accept(now)
 
     def _check_known(self, datagram: bytes) -> None:
         """Raise RemoteProtocolError for a packet of another version. A start packet is answered with an alarm."""
@@ -214,7 +210,7 @@ class FanucController:
         joints = self.set_points.decide(at)
         self.set_points.expects = False
         if before > len(self.server.buffer):
-            self.motion.path.begins(at + self.motion.delay_s)
+            self.targets.begin_newest(at + self.motion.delay_s)
         return joints
 
     def _report(self, at: float) -> None:

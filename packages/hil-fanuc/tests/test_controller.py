@@ -134,7 +134,7 @@ def test_commands_of_a_stranger_are_ignored() -> None:
     joints[0] += 0.0001
     desk.send(Command(3, desk.report.sequence, nine(joints)), "other")
     desk.wait(0.5)
-    assert desk.robot.accepted == 0
+    assert desk.robot.targets.accepted == 0
 
 
 @pytest.mark.parametrize("version", [3, 4])
@@ -185,7 +185,7 @@ def test_command_that_answers_no_report_is_ignored() -> None:
     desk.command(joints)  # repeated
     desk.command(joints, sequence=desk.report.sequence - 1)  # late
     desk.command(joints, sequence=desk.report.sequence + 1)
-    assert desk.robot.accepted == 1
+    assert desk.robot.targets.accepted == 1
     assert desk.robot.server.counts["commands that answer no report"] == 3
 
 

@@ -174,7 +174,7 @@ class Box:
 
     # --- motions
 
-    def servo(self, joints: PerAxis | None) -> None:
+    def servo(self, joints: PerAxis | None, now: float) -> None:
         """Take a servo target; None for one that no joints reach."""
         if not self.is_ready or self._state != State.MOVE or self.mode != Mode.SERVO:
             self.counts["servo commands without effect"] += 1
@@ -187,7 +187,7 @@ class Box:
             if self._target is not None:
                 self.counts["servo commands lost"] += 1
             self._target = joints
-            self.motion.path.taken()
+            self.motion.path.targets.accept(now)
 
     def plan(self, motion: Callable[[], object]) -> bool:
         """Queue a planned motion; return False if the box does not follow it."""
@@ -211,7 +211,7 @@ class Box:
             return
         if self._target is not None:
             self.motion.aim(self._target)
-            self.motion.path.begins(at + self.motion.delay_s)
+            self.motion.path.targets.begin_newest(at + self.motion.delay_s)
             self._target = None
         elif self._queue and self.motion.is_done:
             self._queue.popleft()()

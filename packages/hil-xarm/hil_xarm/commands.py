@@ -159,7 +159,7 @@ class Commands:
         box = self._box
         acts = box.is_ready and box.mode == Mode.SERVO and box.state != State.PAUSED
         self._report_motion(now, pose, "servo target", acts and not box.faults.holds("stands", now))
-        box.servo(joints)
+        box.servo(joints, now)
 
     def _move_line(self, data: bytes, now: float) -> Answer:
         pose, (speed, acceleration) = _pose(data), unpack_floats(data[24:], 2)

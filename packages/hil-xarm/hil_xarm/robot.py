@@ -27,7 +27,7 @@ class XarmRobot:
         """Power up at `now`. Raises ValueError for a start that the arm cannot hold."""
         self.box = box = Box(profile, start, now)
         self.path: ArmPath = box.motion.path
-        self.begun_at = box.motion.path.begun_at
+        self.targets = box.motion.path.targets
         self.orders, self.unmodelled = box.orders, box.unmodelled
         self.cable = Cable(f"{seed} robot")
         self._stalls = Stalls(box, seed)
@@ -75,10 +75,6 @@ class XarmRobot:
     def endpoint(self) -> Server:
         """Another connection to the command channel."""
         return self.cable.open(CommandConnection(self.box, self._stalls), Port.COMMAND, self._powered_at)
-
-    @property
-    def accepted(self) -> int:
-        return self.box.motion.path.accepted
 
     @property
     def joint_stiffness(self) -> PerAxis:
