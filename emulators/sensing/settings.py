@@ -1,11 +1,14 @@
-"""Settings of the errors of an emulated sensor: descriptions, bounds and units. Each sensor adds defaults and marks."""
+"""Settings of the errors of an emulated sensor. Each sensor replaces the defaults and marks of those that are known of
+it.
+"""
 
 import math
-from typing import Any, Protocol, TypeAlias
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 from emulators.sensing.unrest import SensorErrors
 from protocol.geometry import Vector
-from protocol.marks import Bounds, SettingError, above, at_least, between
+from protocol.marks import Bounds, Mark, SettingError, above, at_least, between, setting
 
 PerAxis: TypeAlias = Vector | float
 """One value for each axis, x first, or one value for all three axes."""
@@ -13,35 +16,6 @@ PerAxis: TypeAlias = Vector | float
 _EACH = "of x, y, z, or one number for all"
 _FORCES = ("noise_n", "wander_n", "slope_n_min", "vibration_n", "motion_n")
 _PER_AXIS = (*_FORCES, "noise_nm")
-
-
-class SensorErrorSettings(Protocol):
-    """Settings of a sensor with errors in addition to its white noise."""
-
-    @property
-    def wander_n(self) -> PerAxis: ...
-    @property
-    def slope_n_min(self) -> PerAxis: ...
-    @property
-    def hysteresis_share(self) -> float: ...
-    @property
-    def cross_talk_share(self) -> float: ...
-    @property
-    def creep_share(self) -> float: ...
-    @property
-    def creep_s(self) -> float: ...
-    @property
-    def vibration_n(self) -> PerAxis: ...
-    @property
-    def vibration_hz(self) -> tuple[float, float]: ...
-    @property
-    def vibration_peak_hz(self) -> float: ...
-    @property
-    def vibration_peak_share(self) -> float: ...
-    @property
-    def motion_n(self) -> PerAxis: ...
-    @property
-    def motion_mm_s(self) -> float: ...
 
 
 # Descriptions, bounds and units of the settings: the arguments of `setting` after the default and its mark.
@@ -61,11 +35,6 @@ WANDER_N: _Rest = (
     at_least(0.0),
     "N",
 )
-SLOPE_N_MIN: _Rest = (
-    f"steady change of the forces' zero from power-up, {_EACH}",
-    between(-1000.0, 1000.0),
-    "N/min",
-)
 HYSTERESIS_SHARE: _Rest = (
     "difference of the readings of a rising and a falling load, as a share of the load's change",
     between(0.0, 0.1),
@@ -77,17 +46,48 @@ CROSS_TALK_SHARE: _Rest = (
     "",
 )
 CREEP_SHARE: _Rest = "share of a load change that the sensor reports late", between(0.0, 0.5), ""
-CREEP_S: _Rest = "time constant of that share", above(0.0), "s"
 VIBRATION_N: _Rest = f"vibration of the stationary arm in the signal, rms, {_EACH}", at_least(0.0), "N"
 VIBRATION_HZ: _Rest = "band of that vibration, from and to", above(0.0), "Hz"
 VIBRATION_PEAK_HZ: _Rest = "peak of that vibration outside the band", above(0.0), "Hz"
 VIBRATION_PEAK_SHARE: _Rest = "share of the vibration's variance in that peak", between(0.0, 1.0), ""
 MOTION_N: _Rest = f"white noise that is added while the arm moves, rms, {_EACH}", at_least(0.0), "N"
-MOTION_MM_S: _Rest = (
-    "tool speed from which that noise has its full value; proportional below",
-    above(0.0),
-    "mm/s",
-)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrorSettings:
+    """Errors of a sensor in addition to its white noise, as settings. A sensor inherits those that are not known of it:
+    the stiffness of a Gamma, another sensor with strain gauges and a similar range, and the errors of a Net F/T.
+    """
+
+    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *STIFFNESS_N_M)
+    """Source of this and the next setting: the table of ATI's manual 9620-05-Transducer Section. Assumed, because they
+    were not compared with the manual.
+    """
+    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *STIFFNESS_NM_RAD)
+    wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *WANDER_N)
+    slope_n_min: PerAxis = setting(
+        0.0,
+        Mark.ASSUMED,
+        f"steady change of the forces' zero from power-up, {_EACH}",
+        between(-1000.0, 1000.0),
+        unit="N/min",
+    )
+    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *HYSTERESIS_SHARE)
+    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *CROSS_TALK_SHARE)
+    creep_share: float = setting(0.01, Mark.ASSUMED, *CREEP_SHARE)
+    creep_s: float = setting(5.0, Mark.ASSUMED, "time constant of that share", above(0.0), unit="s")
+    vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *VIBRATION_N)
+    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *VIBRATION_HZ)
+    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *VIBRATION_PEAK_HZ)
+    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *VIBRATION_PEAK_SHARE)
+    motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *MOTION_N)
+    motion_mm_s: float = setting(
+        100.0,
+        Mark.ASSUMED,
+        "tool speed from which that noise has its full value; proportional below",
+        above(0.0),
+        unit="mm/s",
+    )
 
 
 def check_errors(profile: Any) -> None:

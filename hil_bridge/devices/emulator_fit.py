@@ -78,6 +78,28 @@ def split_servo(servo_s: float, response_s: float, damping_ratio: float) -> tupl
     return delay, max(_FEWEST_RAD_S, 2.0 * damping_ratio / rest)
 
 
+def match_cycles(section: str, servo: Any, cycle_ms: float, figures: RobotFigures) -> Sections:
+    """Return the transport delay of a servo in complete cycles, and its natural frequency, as settings of a section.
+    `servo` has the present `damping_ratio` and `natural_frequency_rad_s`.
+    """
+    if math.isnan(figures.servo_s):
+        return {}
+    response, cycle_s = 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s, cycle_ms / 1e3
+    cycles = max(0, math.floor((figures.servo_s - response) / cycle_s))
+    rest = max(figures.servo_s - cycles * cycle_s, 0.1 * response)
+    frequency = round(2.0 * servo.damping_ratio / rest, 3)
+    return {section: {"transport_delay_ms": cycles * cycle_ms, "natural_frequency_rad_s": frequency}}
+
+
+def noise_settings(figures: SensorFigures, factor: float = 1.0) -> dict[str, object]:
+    """Return the settings of noise and drift. `factor` is the noise before the filter, divided by that after it."""
+    return given(
+        noise_n=known(figures.noise[:3], factor),
+        noise_nm=known(figures.noise[3:], factor),
+        slope_n_min=known(figures.drift_n_min),
+    )
+
+
 def known(values: tuple[float, ...], factor: float = 1.0) -> list[float] | None:
     """Return the values of all axes as a setting, rounded to four digits, or None if any of them is unknown."""
     return [float(f"{value * factor:.4g}") for value in values] if all(map(math.isfinite, values)) else None

@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.seams import Floats
 from emulators.sensing import settings as errors
-from emulators.sensing.settings import PerAxis, check_errors
+from emulators.sensing.settings import SensorErrorSettings, check_errors
 from protocol.devices.ati_can.messages import BASE, GAGES, SLOTS
 from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
@@ -70,7 +70,7 @@ _SINGULAR = 1e9
 
 
 @dataclass(frozen=True, slots=True)
-class AtiCanProfile:
+class AtiCanProfile(SensorErrorSettings):
     """Settings in `[cell.ati_can]`."""
 
     base: int = setting(BASE, Mark.OBSERVED, "base identifier of the board", between(0, 0x7F))
@@ -98,19 +98,6 @@ class AtiCanProfile:
     Assumed, because they were not compared with the manual.
     """
     stiffness_nm_rad: Vector = setting((2.8e3, 2.8e3, 4.0e3), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
-    wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
-    """This setting and those down to the noise in motion are those of a Net F/T."""
-    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
-    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
-    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
-    creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
-    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
-    vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *errors.VIBRATION_N)
-    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
-    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
-    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
-    motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *errors.MOTION_N)
-    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     turnaround_s: float = setting(
         0.0002, Mark.ASSUMED, "time from a request to its response", between(0.0, 1.0), unit="s"
     )

@@ -4,38 +4,22 @@ from dataclasses import dataclass
 from typing import Literal
 
 from emulators.sensing import settings as errors
-from emulators.sensing.settings import PerAxis, check_errors
-from protocol.geometry import Vector
+from emulators.sensing.settings import PerAxis, SensorErrorSettings, check_errors
 from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
-class Ft300Profile:
+class Ft300Profile(SensorErrorSettings):
     """Settings in `[cell.ft300]`."""
 
-    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
-    """This and the next setting are those of a strain-gauge sensor of similar size, an ATI Gamma. Unknown for an
-    FT 300.
-    """
-    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_n: PerAxis = setting((0.08, 0.10, 0.04), Mark.OBSERVED, *errors.NOISE_N)
     """Source of this and the next setting: Sijiahui/FT300-sensor 91440f9, two records of 30 samples at 10 Hz."""
     noise_nm: PerAxis = setting((0.0065, 0.0055, 0.004), Mark.OBSERVED, *errors.NOISE_NM)
     wander_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.WANDER_N)
     """As for a UR's own sensor. Source: charintorn/UR_RTDE_Force_Recorder 134e620."""
-    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
-    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
-    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
-    creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
-    """This and the next setting are those of a Net F/T."""
-    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
     vibration_n: PerAxis = setting(0.0, Mark.ASSUMED, *errors.VIBRATION_N)
     """Records at 10 Hz do not distinguish it from the white noise, which includes it."""
-    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
-    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
-    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
     motion_n: PerAxis = setting(0.0, Mark.ASSUMED, *errors.MOTION_N)
-    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     latency_s: float = setting(
         0.010, Mark.ASSUMED, "time from a sample to its message", between(0.0, 0.1), unit="s"
     )

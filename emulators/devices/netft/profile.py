@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from emulators.sensing import settings as errors
-from emulators.sensing.settings import PerAxis, check_errors
+from emulators.sensing.settings import PerAxis, SensorErrorSettings, check_errors
 from protocol.devices.netft.page import FILTERS_HZ
 from protocol.devices.netft.records import AXIA_RATES_HZ, BUFFER_LIMIT, INTERNAL_RATE_HZ
 from protocol.geometry import Vector
@@ -24,7 +24,7 @@ _RATES_HZ: Mapping[str, tuple[int, ...]] = {"netbox": (INTERNAL_RATE_HZ,), "axia
 
 
 @dataclass(frozen=True, slots=True)
-class NetFtProfile:
+class NetFtProfile(SensorErrorSettings):
     """Settings in `[cell.netft]`."""
 
     ratings_n: Vector = setting(
@@ -43,11 +43,6 @@ class NetFtProfile:
         "counts per N and per N·m, as in all known calibrations",
         between(1, 1_000_000),
     )
-    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
-    """This and the next setting are those of a Gamma, as in the table of ATI's manual 9620-05-Transducer Section.
-    Assumed, because they were not compared with the manual.
-    """
-    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_n: PerAxis = setting((0.018, 0.019, 0.018), Mark.OBSERVED, *errors.NOISE_N)
     """Source of this and the next setting: a Gamma behind a Net Box on an arm, 698 samples at 698 Hz, Zenodo
     11096791.
@@ -55,20 +50,15 @@ class NetFtProfile:
     noise_nm: PerAxis = setting((0.0012, 0.0010, 0.0003), Mark.OBSERVED, *errors.NOISE_NM)
     wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
     """Upper bound: means over 0.1 s of an Axia80 differed by 0.0007 N. Source: see `creep_share`."""
-    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
-    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
-    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     creep_share: float = setting(0.01, Mark.DERIVED, *errors.CREEP_SHARE)
     """0.02 … 0.13 N of 10 … 15 N within 15 s. Source: Axia80, leledeyuan00/Gravity-Compensation-F-T-sensor 139efe1."""
-    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
     vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.DERIVED, *errors.VIBRATION_N)
-    """Total rms over a second less the white noise. Source of this and all settings below: the Gamma on a KUKA LBR."""
+    """Total rms over a second less the white noise. Source of this and the next four: the Gamma on a KUKA LBR."""
     vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.OBSERVED, *errors.VIBRATION_HZ)
     vibration_peak_hz: float = setting(71.0, Mark.OBSERVED, *errors.VIBRATION_PEAK_HZ)
     vibration_peak_share: float = setting(0.04, Mark.DERIVED, *errors.VIBRATION_PEAK_SHARE)
     """91 % of the variance of fz was below 20 Hz; the rest is the white noise and this."""
     motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.OBSERVED, *errors.MOTION_N)
-    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     rate_hz: int = setting(1000, Mark.ASSUMED, "records per second", between(1, AXIA_RATES_HZ[-1]), unit="Hz")
     buffered_records: int = setting(
         BUFFER_LIMIT, Mark.ASSUMED, "records per buffered datagram", between(1, BUFFER_LIMIT)

@@ -6,9 +6,9 @@ Assumed: this form and the scale κ. Measurements by users of Universal Robots f
 lookahead of 30 ms.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
+from emulators.arm.joint_loops import six
 from emulators.devices.rtde.kinematics import Joints
 
 STILL = 1e-4
@@ -89,7 +89,7 @@ class JointArm:
         """Total joint speeds, rad/s."""
         if self.yielding is ZERO:
             return self.speeds
-        return _six([a + b for a, b in zip(self.speeds, self.yielding, strict=True)])
+        return six([a + b for a, b in zip(self.speeds, self.yielding, strict=True)])
 
     def end_compliance(self) -> None:
         """End the motion by a force. The arm keeps its current speed, and brakes as its order requires."""
@@ -101,8 +101,8 @@ class JointArm:
         `path` are the joint angles that the program's motion alone would have reached from `before`.
         """
         dt = self._period
-        self.speeds = _six([(b - a) / dt for a, b in zip(before, path, strict=True)])
-        self.yielding = _six([(b - a) / dt for a, b in zip(path, joints, strict=True)])
+        self.speeds = six([(b - a) / dt for a, b in zip(before, path, strict=True)])
+        self.yielding = six([(b - a) / dt for a, b in zip(path, joints, strict=True)])
         self.joints = joints
         if not isinstance(self.order, Servo):
             self.target = joints
@@ -160,7 +160,7 @@ class JointArm:
 
 
 def _scaled(speeds: Joints, share: float) -> Joints:
-    return speeds if share == 1.0 else _six([share * speed for speed in speeds])
+    return speeds if share == 1.0 else six([share * speed for speed in speeds])
 
 
 def _towards(speeds: Joints, desired: Joints, limit: float) -> Joints:
@@ -169,9 +169,4 @@ def _towards(speeds: Joints, desired: Joints, limit: float) -> Joints:
     largest = max(map(abs, changes))
     if largest <= limit:
         return desired
-    return _six([now + change * limit / largest for now, change in zip(speeds, changes, strict=True)])
-
-
-def _six(values: Sequence[float]) -> Joints:
-    a, b, c, d, e, f = values
-    return a, b, c, d, e, f
+    return six([now + change * limit / largest for now, change in zip(speeds, changes, strict=True)])

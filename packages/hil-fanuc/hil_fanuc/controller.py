@@ -101,7 +101,7 @@ class FanucController:
                 **self._faults.striking(acts),
                 **self._faults.held(("stands", "rmi-silent")),
                 "clock-jump": Handler(self._jump),
-                "lags": Handler(self._begin_lag, lambda injection, now: self.motion.delay(0.0)),
+                "lags": Handler(self._begin_lag, lambda injection, now: self.motion.loops.delay(0.0)),
             },
             "pose": self.reporter.pose.handlers,
             WIRE: {**self.endpoint.handlers, **self._faults.held(("wrong-number",))},
@@ -210,7 +210,7 @@ class FanucController:
         joints = self.set_points.decide(at)
         self.set_points.expects = False
         if before > len(self.server.buffer):
-            self.targets.begin_newest(at + self.motion.delay_s)
+            self.targets.begin_newest(at + self.motion.loops.delay_s)
         return joints
 
     def _report(self, at: float) -> None:
@@ -304,7 +304,7 @@ class FanucController:
 
     def _begin_lag(self, injection: Injection) -> None:
         injection.strike(injection.injected_at)
-        self.motion.delay(injection.number("ms") / 1e3)
+        self.motion.loops.delay(injection.number("ms") / 1e3)
 
     def _end_stop(self, name: str) -> None:
         if name == "pendant-on":

@@ -1,19 +1,17 @@
 """Arm of the emulated controller: set points of the joints, their delay, position loops, and the path of the tool."""
 
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import Enum, auto
 
 from emulators.arm.chain import straight_tool
 from emulators.arm.cycled import CycledPath
+from emulators.arm.joint_loops import STILL, JointLoops, six
 from emulators.arm.loops import PositionLoop
 from emulators.seams import StartPose
 from hil_fanuc.arms import FanucArm, Joints
 from hil_fanuc.limits import JointLimiter
 from hil_fanuc.profile import FanucProfile
 from protocol.geometry import Pose, normalise
-
-_STILL: Joints = (0.0,) * 6
 
 
 class Drive(Enum):
@@ -49,34 +47,19 @@ class Motion:
         self.limiter = JointLimiter(joints, self._cycle)
         self.joints = self._next = joints
         """Joints at the begin and the end of the current cycle."""
-        self.speeds: Joints = _STILL
+        self.speeds: Joints = STILL
         """Speeds in the current cycle, degrees/s."""
         self.drive = Drive.FOLLOW
-        self._loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio).over(self._cycle)
-        self._rates: Joints = _STILL
-        """Speeds of the loops, degrees/s."""
-        self._usual = round(profile.transport_delay_ms / profile.cycle_ms)
-        self._extra = 0
-        """Cycles by which the set points are delayed in addition."""
-        self._delayed = deque([joints] * self._usual)
+        loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio)
+        self.loops = JointLoops(joints, loop, profile.transport_delay_ms / 1e3, self._cycle)
         self._brake_s = profile.stop_ms / 1e3
-        self._braked_from: tuple[Joints, float] = _STILL, 0.0
+        self._braked_from: tuple[Joints, float] = STILL, 0.0
         self.path = CycledPath(pose, now, self._cycle, self._step)
-
-    @property
-    def delay_s(self) -> float:
-        """Delay from a set point to the loops, s."""
-        return len(self._delayed) * self._cycle
-
-    def delay(self, seconds: float) -> None:
-        """Delay the set points by a time in addition. A shorter delay takes effect when the arm is stationary."""
-        self._extra = round(seconds / self._cycle)
 
     @property
     def set_point(self) -> Joints:
         """Newest set points."""
-        a, b, c, d, e, f = self.limiter.joints
-        return a, b, c, d, e, f
+        return six(self.limiter.joints)
 
     @property
     def set_speed(self) -> float:
@@ -96,7 +79,7 @@ class Motion:
     @property
     def has_arrived(self) -> bool:
         """Whether the loops follow the newest set points."""
-        return all(joints == self.set_point for joints in self._delayed)
+        return all(joints == self.set_point for joints in self.loops.delayed)
 
     def brake(self, now: float) -> None:
         """Brake the arm, and then lock it. No effect if it brakes or is locked."""
@@ -119,7 +102,7 @@ class Motion:
         set_point = self._decide(at)
         match self.drive:
             case Drive.FOLLOW:
-                self._next = self._follow(set_point)
+                self._next = self.loops.follow(set_point, self.is_still)
             case Drive.BRAKE:
                 self._next = self._brake(at)
             case Drive.LOCKED:
@@ -129,51 +112,25 @@ class Motion:
             self._rest(self._next)
         return self.path.pose if self._next == self.joints else self.arm.pose(self._next)
 
-    def _follow(self, set_point: Joints) -> Joints:
-        self._delayed.append(set_point)
-        pull = self._delayed[0]
-        if len(self._delayed) > self._usual + self._extra:
-            pull = self._delayed.popleft()
-            if self.is_still and len(self._delayed) > self._usual + self._extra:
-                self._delayed.popleft()
-        if pull == self.joints and self._rates == _STILL:
-            return self.joints
-        a, b, c, d = self._loop
-        errors = [joint - to for joint, to in zip(self.joints, pull, strict=True)]
-        rates = [c * error + d * rate for error, rate in zip(errors, self._rates, strict=True)]
-        ends = [to + a * e + b * rate for to, e, rate in zip(pull, errors, self._rates, strict=True)]
-        near = max(max(abs(to - q) for to, q in zip(pull, ends, strict=True)), max(map(abs, rates)) * 1e-2)
-        if near < 1e-9:
-            self._rates = _STILL
-            return pull
-        self._rates = _six(rates)
-        return _six(ends)
-
     def _brake(self, at: float) -> Joints:
         speeds, since = self._braked_from
         share = 1.0 - (at - since) / self._brake_s if self._brake_s else 0.0
         if share <= 0.0:
             self.drive = Drive.LOCKED
             return self.joints
-        return _moved(self.joints, _six([share * speed for speed in speeds]), self._cycle)
+        return _moved(self.joints, six([share * speed for speed in speeds]), self._cycle)
 
     def _rest(self, joints: Joints) -> None:
         """Put set points and loops at rest at these joints."""
         self.limiter.rest(joints)
-        self._rates = _STILL
-        self._delayed = deque([joints] * len(self._delayed))
+        self.loops.rest(joints)
 
 
 def _moved(joints: Joints, speeds: Joints, seconds: float) -> Joints:
-    return _six([q + v * seconds for q, v in zip(joints, speeds, strict=True)])
+    return six([q + v * seconds for q, v in zip(joints, speeds, strict=True)])
 
 
 def _speeds(joints: Joints, after: Joints, seconds: float) -> Joints:
     if joints == after:
-        return _STILL
-    return _six([(b - a) / seconds for a, b in zip(joints, after, strict=True)])
-
-
-def _six(values: Sequence[float]) -> Joints:
-    a, b, c, d, e, f = values
-    return a, b, c, d, e, f
+        return STILL
+    return six([(b - a) / seconds for a, b in zip(joints, after, strict=True)])

@@ -6,9 +6,10 @@ instruction ends with a stop: a smooth transition (CNT) is not modelled.
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
+from emulators.arm.joint_loops import six
 from hil_fanuc import rmi
 from hil_fanuc.arms import Joints, from_pendant
 from hil_fanuc.limits import AxisLimits
@@ -196,9 +197,9 @@ class RmiMotions:
         if instruction.name == WAIT:
             return here
         if instruction.name in _JOINTS:
-            goal = from_pendant(_six(instruction.values))
+            goal = from_pendant(six(instruction.values))
             if instruction.is_relative:
-                goal = _six([a + b for a, b in zip(here, goal, strict=True)])
+                goal = six([a + b for a, b in zip(here, goal, strict=True)])
             return goal if arm.allows(goal) else None
         pose = self._pose(instruction)
         joints = arm.nearest(pose, here)
@@ -212,8 +213,3 @@ class RmiMotions:
             return arm.in_base(Pose((x / 1e3, y / 1e3, z / 1e3), turn))
         (a, b, c), quaternion = arm.pose(self.motion.set_point)
         return Pose((a + x / 1e3, b + y / 1e3, c + z / 1e3), product(turn, quaternion))
-
-
-def _six(values: Sequence[float]) -> Joints:
-    a, b, c, d, e, f = values
-    return a, b, c, d, e, f

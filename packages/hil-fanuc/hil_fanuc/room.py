@@ -3,6 +3,7 @@
 from typing import Any
 
 from emulators.seams import RobotFactory
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections, match_cycles
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.streamed import StreamedLink
@@ -13,7 +14,6 @@ from hil_fanuc.channels import Pieces
 from hil_fanuc.client import FanucClient
 from hil_fanuc.controller import FanucController
 from hil_fanuc.describe import describe
-from hil_fanuc.emulator_fit import match
 from hil_fanuc.facts import robot_facts
 from hil_fanuc.faults import FANUC_FAULTS
 from hil_fanuc.panel import FANUC_CONTROLS
@@ -61,6 +61,11 @@ def check(settings: Settings) -> None:
         raise ConfigError(
             f"robot.fanuc.model is {client.model}, and cell.fanuc.model is {emulated.model}; make them equal"
         )
+
+
+def match(settings: Settings, figures: RobotFigures) -> Sections:
+    """Return the settings that give the emulated controller the latency of a measured one."""
+    return match_cycles("cell.fanuc", settings.emulated, settings.emulated.cycle_ms, figures)
 
 
 def _parse(url: str, settings: Settings) -> WireUrl:

@@ -174,7 +174,7 @@ def test_arm_can_follow_180_ms_later() -> None:
     for _ in range(100):
         desk.command(desk.robot.motion.set_point)
         desk.tick()
-    assert desk.robot.motion.delay_s == pytest.approx(0.056)
+    assert desk.robot.motion.loops.delay_s == pytest.approx(0.056)
 
 
 def test_command_that_answers_no_report_is_ignored() -> None:

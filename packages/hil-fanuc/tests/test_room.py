@@ -12,7 +12,6 @@ import pytest
 from fanuc_desk import START, T0, started
 from hil_fanuc.controller import FanucController
 from hil_fanuc.describe import describe
-from hil_fanuc.emulator_fit import match
 from hil_fanuc.packets import (
     CARTESIAN,
     Capability,
@@ -24,7 +23,7 @@ from hil_fanuc.packets import (
     nine,
 )
 from hil_fanuc.profile import FanucProfile
-from hil_fanuc.room import ROBOT, check
+from hil_fanuc.room import ROBOT, check, match
 from hil_fanuc.settings import FanucSettings
 from hil_fanuc.trajectory import play
 from hil_fanuc.wires import parse_address

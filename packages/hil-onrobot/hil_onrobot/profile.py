@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 from emulators.sensing import settings as errors
-from emulators.sensing.settings import PerAxis, check_errors
+from emulators.sensing.settings import PerAxis, SensorErrorSettings, check_errors
 from hil_onrobot.messages import COUNTS_PER_N, COUNTS_PER_NM, FILTERS_HZ, RATE_HZ, TCP_PORT
 from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
-class HexProfile:
+class HexProfile(SensorErrorSettings):
     """Settings in `[cell.onrobot_hex]`. The figures of the signal are those of the maker's data sheet of a HEX-E, from
     memory; they are assumed, because they were not compared with it.
     """
@@ -38,19 +38,9 @@ class HexProfile:
     noise_nm: PerAxis = setting((0.002, 0.002, 0.001), Mark.ASSUMED, *errors.NOISE_NM)
     wander_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.WANDER_N)
     """Five times that of a Net F/T, because a soft optical sensor depends more on temperature."""
-    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
     hysteresis_share: float = setting(0.02, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
     """The data sheet states less than 2 %."""
     cross_talk_share: float = setting(0.05, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
-    creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
-    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
-    vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *errors.VIBRATION_N)
-    """This setting and those down to the noise in motion are those of a Net F/T."""
-    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
-    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
-    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
-    motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *errors.MOTION_N)
-    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     every: int = setting(
         10,
         Mark.ASSUMED,

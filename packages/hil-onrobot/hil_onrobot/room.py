@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 from emulators.seams import SensorFactory
-from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filter, given, known
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filter, noise_settings
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -102,13 +102,7 @@ def _usual(settings: _Settings, virtual: bool) -> str:
 def _match(settings: _Settings, figures: SensorFigures) -> Sections:
     """Return the noise of a measured sensor before its filter; see `hil_bridge.devices.emulator_fit`."""
     reduction = behind_filter(filter_weight(FILTERS_HZ[settings.client.filter], RATE_HZ))
-    return {
-        "cell.onrobot_hex": given(
-            noise_n=known(figures.noise[:3], 1.0 / reduction),
-            noise_nm=known(figures.noise[3:], 1.0 / reduction),
-            slope_n_min=known(figures.drift_n_min),
-        )
-    }
+    return {"cell.onrobot_hex": noise_settings(figures, 1.0 / reduction)}
 
 
 SENSOR = SensorKind(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from emulators.sensing import settings as errors
-from emulators.sensing.settings import PerAxis, check_errors
+from emulators.sensing.settings import PerAxis, SensorErrorSettings, check_errors
 from hil_schunk.messages import DATA_PORT, TOOLS, ErrorCode
 from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
@@ -12,7 +12,7 @@ _NO_POINT: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class FtsProfile:
+class FtsProfile(SensorErrorSettings):
     """Settings in `[cell.schunk_fts]`. The maker publishes no figures of the sensor with the library, so that those
     of the signal are assumed.
     """
@@ -30,24 +30,8 @@ class FtsProfile:
     overload_share: float = setting(
         1.2, Mark.ASSUMED, "fraction of the range at which values are clipped", between(1.0, 10.0)
     )
-    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
-    """This and the next setting are those of a Gamma, another sensor with strain gauges and a similar range."""
-    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.NOISE_N)
     noise_nm: PerAxis = setting(0.002, Mark.ASSUMED, *errors.NOISE_NM)
-    wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
-    """This setting and those down to the noise in motion are those of a Net F/T."""
-    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
-    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
-    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
-    creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
-    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
-    vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *errors.VIBRATION_N)
-    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
-    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
-    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
-    motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *errors.MOTION_N)
-    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     product_name: str = setting("FTS", Mark.OBSERVED, "product name, as the maker's tests require it")
     product_number: str = setting("", Mark.ASSUMED, "product number, as text")
     firmware: str = setting("emulated", Mark.CHOSEN, "version of the firmware")

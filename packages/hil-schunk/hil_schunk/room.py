@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from emulators.seams import SensorFactory
-from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, known
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, noise_settings
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -116,13 +116,7 @@ def _usual(settings: _Settings, virtual: bool) -> str:
 
 def _match(settings: _Settings, figures: SensorFigures) -> Sections:
     """Return the noise of a measured sensor; see `hil_bridge.devices.emulator_fit`."""
-    return {
-        "cell.schunk_fts": given(
-            noise_n=known(figures.noise[:3]),
-            noise_nm=known(figures.noise[3:]),
-            slope_n_min=known(figures.drift_n_min),
-        )
-    }
+    return {"cell.schunk_fts": noise_settings(figures)}
 
 
 SENSOR = SensorKind(

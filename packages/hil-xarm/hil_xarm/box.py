@@ -211,7 +211,7 @@ class Box:
             return
         if self._target is not None:
             self.motion.aim(self._target)
-            self.motion.path.targets.begin_newest(at + self.motion.delay_s)
+            self.motion.path.targets.begin_newest(at + self.motion.loops.delay_s)
             self._target = None
         elif self._queue and self.motion.is_done:
             self._queue.popleft()()

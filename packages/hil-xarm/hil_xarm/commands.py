@@ -216,7 +216,7 @@ class Commands:
     def _joints(self, data: bytes, now: float) -> Answer:
         box = self._box
         count = (data[0] & 0x0F) if data else 1
-        rows = (box.reported_pose(now)[1], box.motion.speeds, (0.0,) * 6)
+        rows = (box.reported_pose(now)[1], box.motion.loops.rates, (0.0,) * 6)
         parts = [seven(map(math.radians, row)) for row in rows[: max(1, count)]]
         return b"".join(pack_floats(*part) for part in parts)
 

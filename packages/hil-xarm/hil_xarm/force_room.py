@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from emulators.seams import SensorFactory, StartPose
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, noise_settings
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Transport
 from hil_bridge.transports.bundle import Bundle
 from hil_bridge.transports.urls import WireUrl, parse_url
 from hil_xarm.describe import describe
-from hil_xarm.emulator_fit import match_sensor
 from hil_xarm.faults import FORCE_FAULTS
 from hil_xarm.force import ForceSensor
 from hil_xarm.force_client import ForceClient
@@ -50,6 +50,11 @@ def _usual(settings: _Settings, virtual: bool) -> str:
     return "memory:xarm-force" if virtual else "tcp-listen://127.0.0.1:0"
 
 
+def match(settings: _Settings, figures: SensorFigures) -> Sections:
+    """Return noise and drift; see `hil_bridge.devices.emulator_fit`."""
+    return {"cell.xarm": noise_settings(figures)}
+
+
 def _other_wires(url: str, settings: _Settings) -> Sequence[WireUrl]:
     return [parse_url(parse_address(url).real, CONNECT)]
 
@@ -59,7 +64,7 @@ SENSOR = SensorKind(
     "Force sensor of a UFACTORY xArm, over its control box",
     ForceSettings,
     _connect,
-    SensorEmulation(XarmProfile, _make, _serve, _usual, FORCE_FAULTS, {"status": "saturated"}, match_sensor),
+    SensorEmulation(XarmProfile, _make, _serve, _usual, FORCE_FAULTS, {"status": "saturated"}, match),
     parse=lambda url, settings: parse_address(url).command,
     describe=describe,
     period=lambda settings: settings.client.cycle_s,

@@ -100,7 +100,7 @@ def _registers(box: Box, now: float) -> Mapping[int, int]:
     table = {32: box.error, 33: box.warning}
     table |= _row(64, (x, y, z, *turns))
     table |= _row(89, (*joints, 0.0))
-    table |= _row(103, (*box.motion.speeds, 0.0))
+    table |= _row(103, (*box.motion.loops.rates, 0.0))
     table |= _row(110, (1e3 * box.motion.tool_speed,))
     return table
 

@@ -5,12 +5,12 @@ Angles are in degrees.
 """
 
 import math
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 from emulators.arm.chain import Chain, straight_tool
 from emulators.arm.cycled import CycledPath
+from emulators.arm.joint_loops import STILL, JointLoops, six
 from emulators.arm.loops import PositionLoop
 from emulators.seams import StartPose
 from hil_xarm.arms import XARM_6, holding
@@ -18,11 +18,8 @@ from hil_xarm.profile import XarmProfile
 from protocol.arm_size import PerAxis
 from protocol.geometry import Pose, normalise, towards
 
-_STILL: PerAxis = (0.0,) * 6
 _TURN_RAD_S = 1.0
 """Largest rotational speed of a straight motion, rad/s. Assumed."""
-_REST_DEG = 1e-9
-"""Distance below which the loops count as stationary, degrees. Chosen."""
 
 
 class Pace(NamedTuple):
@@ -59,9 +56,9 @@ class Motion:
                 f"(tool at {', '.join(f'{p * 1e3:g}' for p in start.position)} mm)"
             )
         self._fastest = Pace(profile.joint_speed_deg_s, profile.joint_acceleration_deg_s2)
-        self.set_point = self.joints = self._next = joints
+        self.set_point = self.joints = joints
         """Set points, and joints at the begin of the current cycle."""
-        self.set_speeds: PerAxis = _STILL
+        self.set_speeds: PerAxis = STILL
         """Speeds of the set points, degrees/s."""
         self.tool_speed = 0.0
         """Speed of the tool's set point, m/s."""
@@ -70,32 +67,14 @@ class Motion:
         self._paces: tuple[Pace, ...] = (self._fastest,) * 6
         self._line: Line | None = None
         self._line_speed = 0.0
-        self._loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio).over(self._cycle)
-        self._rates: PerAxis = _STILL
-        """Speeds of the loops, degrees/s."""
-        self._usual = round(profile.transport_delay_ms / 1e3 / self._cycle)
-        self._extra = 0
-        self._delayed = deque([joints] * self._usual)
+        loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio)
+        self.loops = JointLoops(joints, loop, profile.transport_delay_ms / 1e3, self._cycle)
         self.path = CycledPath(pose, now, self._cycle, self._step)
-
-    @property
-    def delay_s(self) -> float:
-        """Delay from a set point to the loops, s."""
-        return len(self._delayed) * self._cycle
-
-    def delay(self, seconds: float) -> None:
-        """Delay the set points by a time in addition. A shorter delay takes effect when the arm is stationary."""
-        self._extra = round(seconds / self._cycle)
 
     @property
     def is_done(self) -> bool:
         """Whether the set points have reached the newest target."""
-        return self._line is None and self.set_point == self._goal and self.set_speeds == _STILL
-
-    @property
-    def speeds(self) -> PerAxis:
-        """Speeds of the joints, degrees/s."""
-        return self._rates
+        return self._line is None and self.set_point == self._goal and self.set_speeds == STILL
 
     def aim(self, joints: PerAxis) -> None:
         """Run to these joints as fast as each of them can."""
@@ -117,7 +96,7 @@ class Motion:
         """Brake at the largest deceleration."""
         self._line = None
         stop = self._fastest.acceleration
-        self._goal = _six(
+        self._goal = six(
             [q + v * abs(v) / (2.0 * stop) for q, v in zip(self.set_point, self.set_speeds, strict=True)]
         )
         self._paces = (self._fastest,) * 6
@@ -125,13 +104,13 @@ class Motion:
     def lock(self) -> None:
         """Stop at once where the arm is."""
         self._line, self._line_speed = None, 0.0
-        self.set_point = self._goal = self._next
-        self.set_speeds = self._rates = _STILL
-        self._delayed = deque([self._next] * len(self._delayed))
+        self.set_point = self._goal = self.loops.joints
+        self.set_speeds = STILL
+        self.loops.rest(self.loops.joints)
 
     def _step(self, at: float) -> Pose:
         """Run the cycle that begins at a time, and return the pose of the tool at its end."""
-        self.joints = self._next
+        self.joints = self.loops.joints
         self._decide(at)
         before = self.set_point
         if self._line is not None:
@@ -144,13 +123,13 @@ class Motion:
             self._set_pose = pose
         else:
             self.tool_speed = 0.0
-        self._next = self._follow()
-        return self.path.pose if self._next == self.joints else self.chain.pose(self._next)
+        after = self.loops.follow(self.set_point, self.is_done)
+        return self.path.pose if after == self.joints else self.chain.pose(after)
 
     def _step_joints(self) -> None:
         axes = zip(self.set_point, self.set_speeds, self._goal, self._paces, strict=True)
         moved = [_towards(at, speed, goal, pace, self._cycle) for at, speed, goal, pace in axes]
-        self.set_point, self.set_speeds = _six([q for q, _ in moved]), _six([v for _, v in moved])
+        self.set_point, self.set_speeds = six([q for q, _ in moved]), six([v for _, v in moved])
 
     def _step_line(self, line: Line) -> None:
         """Move the set points along a straight path; where no joints hold the tool, the motion ends."""
@@ -167,28 +146,7 @@ class Motion:
         if joints is not None:
             before = self.set_point
             self.set_point = joints
-            self.set_speeds = _six([(b - a) / cycle for a, b in zip(before, joints, strict=True)])
-
-    def _follow(self) -> PerAxis:
-        """Run the position loops for a cycle."""
-        self._delayed.append(self.set_point)
-        pull = self._delayed[0]
-        if len(self._delayed) > self._usual + self._extra:
-            pull = self._delayed.popleft()
-            if self.is_done and len(self._delayed) > self._usual + self._extra:
-                self._delayed.popleft()
-        if pull == self.joints and self._rates == _STILL:
-            return self.joints
-        a, b, c, d = self._loop
-        errors = [joint - to for joint, to in zip(self.joints, pull, strict=True)]
-        rates = [c * error + d * rate for error, rate in zip(errors, self._rates, strict=True)]
-        ends = [to + a * e + b * rate for to, e, rate in zip(pull, errors, self._rates, strict=True)]
-        near = max(max(abs(to - q) for to, q in zip(pull, ends, strict=True)), max(map(abs, rates)) * 1e-2)
-        if near < _REST_DEG:
-            self._rates = _STILL
-            return pull
-        self._rates = _six(rates)
-        return _six(ends)
+            self.set_speeds = six([(b - a) / cycle for a, b in zip(before, joints, strict=True)])
 
 
 def _towards(at: float, speed: float, goal: float, pace: Pace, cycle: float) -> tuple[float, float]:
@@ -200,8 +158,3 @@ def _towards(at: float, speed: float, goal: float, pace: Pace, cycle: float) -> 
     wish = math.copysign(min(pace.speed, ending), distance)
     speed = max(speed - change, min(speed + change, wish))
     return at + speed * cycle, speed
-
-
-def _six(values: Sequence[float]) -> PerAxis:
-    a, b, c, d, e, f = values
-    return a, b, c, d, e, f

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from emulators.sensing import settings as errors
-from emulators.sensing.settings import PerAxis, check_errors
+from emulators.sensing.settings import PerAxis, SensorErrorSettings, check_errors
 from protocol.geometry import Vector
 from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
-class XarmProfile:
+class XarmProfile(SensorErrorSettings):
     """Settings of an emulated control box with an xArm 6."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -92,24 +92,10 @@ class XarmProfile:
     resolution_n: float = setting(0.1, Mark.ASSUMED, "step of the forces", above(0.0), unit="N")
     resolution_nm: float = setting(0.005, Mark.ASSUMED, "step of the moments", above(0.0), unit="N·m")
     zero_n: Vector = setting((0.0, 0.0, 0.0), Mark.ASSUMED, "raw forces without a load", unit="N")
-    stiffness_n_m: Vector = setting((9.1e6, 9.1e6, 1.8e7), Mark.ASSUMED, *errors.STIFFNESS_N_M)
-    """This and the next setting are those of a Gamma, another sensor with strain gauges and a similar range."""
-    stiffness_nm_rad: Vector = setting((1.1e4, 1.1e4, 1.6e4), Mark.ASSUMED, *errors.STIFFNESS_NM_RAD)
     noise_n: PerAxis = setting(0.1, Mark.ASSUMED, *errors.NOISE_N)
     noise_nm: PerAxis = setting(0.005, Mark.ASSUMED, *errors.NOISE_NM)
     wander_n: PerAxis = setting(0.02, Mark.ASSUMED, *errors.WANDER_N)
-    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
-    hysteresis_share: float = setting(0.0, Mark.ASSUMED, *errors.HYSTERESIS_SHARE)
-    cross_talk_share: float = setting(0.0, Mark.ASSUMED, *errors.CROSS_TALK_SHARE)
     creep_share: float = setting(0.0, Mark.ASSUMED, *errors.CREEP_SHARE)
-    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
-    vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *errors.VIBRATION_N)
-    """This setting and those down to the speed of the motion are those of a Net F/T."""
-    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
-    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
-    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
-    motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *errors.MOTION_N)
-    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
 
     def __post_init__(self) -> None:
         check_settings(self)

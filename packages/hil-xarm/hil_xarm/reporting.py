@@ -82,7 +82,7 @@ def _box_values(box: Box, pose: Pose) -> Mapping[str, Any]:
         "joint_limits": (20.0, 0.01, quickest, 0.0001, fastest),
         "turn_limits": (2.3, 2.7),
         "tcp_speed": (1e3 * box.motion.tool_speed,),
-        "joint_speeds": seven(map(math.radians, box.motion.speeds)),
+        "joint_speeds": seven(map(math.radians, box.motion.loops.rates)),
         "axis_angle": rotation_vector(pose.quaternion),
         "switches": (int(box.sensor is not None and box.sensor.is_on),),
     }
@@ -94,7 +94,7 @@ def _rt_values(box: Box, now: float) -> Mapping[str, Any]:
         "time": (round((now - box.powered_at) * 1e6),),  # Assumed: in microseconds
         "target_joints": seven(map(math.radians, motion.set_point)),
         "target_joint_speeds": seven(map(math.radians, motion.set_speeds)),
-        "joint_speeds": seven(map(math.radians, motion.speeds)),
+        "joint_speeds": seven(map(math.radians, motion.loops.rates)),
         "target_pose": to_box(box.pose_of(motion.set_point)),
     }
 

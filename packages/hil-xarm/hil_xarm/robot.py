@@ -49,7 +49,7 @@ class XarmRobot:
             "robot": {
                 "emergency-stop": Handler(self._press, lambda injection, now: box.release_stop()),
                 "paused": Handler(self._pause, lambda injection, now: box.set_state(State.MOVE)),
-                "lags": Handler(self._lag, lambda injection, now: box.motion.delay(0.0)),
+                "lags": Handler(self._lag, lambda injection, now: box.motion.loops.delay(0.0)),
                 **box.faults.striking(acts),
                 **box.faults.held(("stalls", "stands", "mute")),
             },
@@ -67,7 +67,7 @@ class XarmRobot:
 
     def _lag(self, injection: Injection) -> None:
         injection.strike(injection.injected_at)
-        self.box.motion.delay(injection.number("ms") / 1e3)
+        self.box.motion.loops.delay(injection.number("ms") / 1e3)
 
     # --- as an emulated robot
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 from emulators.seams import RobotFactory
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections, match_cycles
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.probe import ProbeResult, probe_link
@@ -11,7 +12,6 @@ from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports.bundle import Bundle
 from hil_xarm.client import XarmClient
 from hil_xarm.describe import describe
-from hil_xarm.emulator_fit import match_robot
 from hil_xarm.facts import robot_facts
 from hil_xarm.faults import XARM_FAULTS
 from hil_xarm.panel import XARM_CONTROLS
@@ -63,6 +63,11 @@ def usual(settings: Settings, virtual: bool) -> str:
     return "memory:xarm" if virtual else "tcp-listen://127.0.0.1:0"
 
 
+def match(settings: Settings, figures: RobotFigures) -> Sections:
+    """Return the settings that give the emulated arm the latency of a measured one."""
+    return match_cycles("cell.xarm", settings.emulated, settings.emulated.control_ms, figures)
+
+
 MISHAPS = {"refused": "emergency-stop", "stopped": "servo-error"}
 CELL = {"start_position_mm": (400.0, -100.0, 200.0), "surface": {"origin_x_mm": 400.0, "height_mm": 190.0}}
 """Start pose in the middle of the arm's reach, and a surface 10 mm below. Chosen."""
@@ -74,7 +79,7 @@ ROBOT = RobotKind(
     connect,
     facts,
     RobotEmulation(
-        XarmProfile, make, serve, usual, XARM_FAULTS, XARM_CONTROLS, MISHAPS, match=match_robot, cell=CELL
+        XarmProfile, make, serve, usual, XARM_FAULTS, XARM_CONTROLS, MISHAPS, match=match, cell=CELL
     ),
     parse=lambda url, settings: parse_address(url).command,
     describe=describe,

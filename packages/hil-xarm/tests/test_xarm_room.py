@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 from hil_xarm.describe import describe
-from hil_xarm.emulator_fit import match_robot, match_sensor
 from hil_xarm.faults import FORCE_FAULTS
 from hil_xarm.force_room import SENSOR
+from hil_xarm.force_room import match as match_sensor
 from hil_xarm.frames import Function, Reply, Request, pack_floats
 from hil_xarm.reports import NORMAL, REAL
 from hil_xarm.room import ROBOT
+from hil_xarm.room import match as match_robot
 from hil_xarm.wires import parse_address
 from xarm_desk import START, Desk
 

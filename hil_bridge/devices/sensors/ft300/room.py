@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 from emulators.devices.ft300 import FT300_FAULTS, URCAP_FAULTS, Ft300, Ft300Profile, UrcapServer
 from emulators.seams import SensorFactory
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, noise_settings
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
-from hil_bridge.devices.sensors.ft300.emulator_fit import match
 from hil_bridge.devices.sensors.ft300.urcap_port import serve_texts
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -28,6 +28,11 @@ from protocol.devices.ft300 import (
 
 _Settings: TypeAlias = KindSettings[Ft300ClientProfile, Ft300Profile]
 _URCAP_WIRES = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
+
+
+def _match(settings: _Settings, figures: SensorFigures) -> Sections:
+    """Return noise and drift; see `hil_bridge.devices.emulator_fit`."""
+    return {"cell.ft300": noise_settings(figures)}
 
 
 # --- serial line
@@ -71,7 +76,7 @@ SENSOR = SensorKind(
         _serve,
         lambda settings, virtual: "memory:ft300" if virtual else "pty:",
         FT300_FAULTS,
-        match=match,
+        match=_match,
         packets_per_frame=_FRAME_BYTES,
     ),
     parse=_parse,
@@ -107,7 +112,7 @@ URCAP = SensorKind(
         _serve_urcap,
         lambda settings, virtual: "memory:ft300-urcap" if virtual else "tcp-listen://127.0.0.1:0",
         URCAP_FAULTS,
-        match=match,
+        match=_match,
     ),
     parse=lambda url, settings: parse_url(url, _URCAP_WIRES),
     describe=describe_texts,

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filter, given, known
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filter, given, noise_settings
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 
 
@@ -19,9 +19,7 @@ def match(settings: Any, figures: SensorFigures) -> Sections:
     return {
         "cell.netft": given(
             filter=number or None,
-            noise_n=known(figures.noise[:3], 1.0 / reduction),
-            noise_nm=known(figures.noise[3:], 1.0 / reduction),
-            slope_n_min=known(figures.drift_n_min),
             rate_hz=rate,
+            **noise_settings(figures, 1.0 / reduction),
         )
     }
