@@ -210,7 +210,7 @@ async def test_scene_keys_turn_move_zoom_and_reset(page: Page, saved: Path) -> N
     assert page.errors == []
 
 
-async def test_saved_page_fills_window_beside_legend(page: Page, saved: Path) -> None:
+async def test_saved_page_fills_window_above_legend(page: Page, saved: Path) -> None:
     """The legend is outside the drawing, and the cell takes what the rest leaves of the window."""
     await page.open(saved.as_uri(), 1440, 1200)
     await page.until(DRAWN)

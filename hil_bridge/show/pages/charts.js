@@ -290,7 +290,7 @@ var HilCharts = (() => {
       for (const span of this.spec.spans) {
         if ((span.axis || "time") === axis) reach(span.begin, span.end ?? span.begin);
       }
-      if (this.spec.axes[axis].names) return [low - 0.5, high + 0.5];   // half a step beside the first and the last name
+      if (this.spec.axes[axis].names) return [low - 0.5, high + 0.5];   // half a step before the first name and after the last
       return low < high ? [low, high] : low === high ? [low - 0.5, high + 0.5] : [0, 1];
     }
 
