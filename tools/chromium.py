@@ -96,6 +96,17 @@ class Page:
             text = await self.value("document.body ? document.body.innerText.slice(0, 1500) : ''")
             raise AssertionError(f"never true: {script}\n{text}\n{self.errors}") from None
 
+    async def press(self, key: str, shift: bool = False) -> None:
+        """Press and release a key, as a keyboard does. The element with the focus receives it."""
+        for kind in ("keyDown", "keyUp"):
+            await self.call("Input.dispatchKeyEvent", type=kind, key=key, modifiers=8 * shift)
+
+    async def metrics(self) -> dict[str, float]:
+        """Return the browser's metrics of the page after garbage collection, with processor time for durations."""
+        await self.call("Performance.enable", timeDomain="threadTicks")
+        await self.call("HeapProfiler.collectGarbage")
+        return {one["name"]: one["value"] for one in (await self.call("Performance.getMetrics"))["metrics"]}
+
     async def screenshot(self, path: Path, whole: bool = False) -> None:
         """Save the page as a PNG."""
         response = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)

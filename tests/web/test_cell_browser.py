@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -41,8 +42,39 @@ PLAIN = """(() => {
   return [cell.space.kind, colours.size];
 })()"""
 
+CAMERA = """(() => { hilCell.draw(performance.now());
+  const {target, yaw, pitch, distance} = hilCell.cameras.tool; return [...target, yaw, pitch, distance]; })()"""
+LIVE_HOUR = """(() => {
+  const add = () => document.body.appendChild(document.createElement("div"));
+  const {model, rows, start} = hilData("data-cell"), empty = {...hilData("data-run"), sources: {}};
+  const charts = HilCharts.draw(add(), empty, {keep: KEEP_S, follow: FOLLOW_S, first: FIRST});
+  const cell = HilCell.draw(add(), model, {bar: false, keep: KEEP_ROWS}), last = {};
+  let now = 0;
+  for (const [name, value] of Object.entries(rows.cycle)) last[name] = Array.isArray(value) ? value.at(-1) : value;
+  const feed = seconds => {
+    const x = Array.from({length: 25 * seconds}, (_, n) => now + 0.04 * n);
+    const force = x.map(t => 10 + Math.sin(t)), position_x = x.map(t => 50 * Math.sin(Math.PI * t / 30));
+    now += seconds;
+    charts.append({cycle: {x, force, depth: position_x}});
+    cell.rows({cycle: {...last, x, position_x, force, in_contact: 1, force_reference: 10}}, start);
+  };
+  const frames = async count => {   // draw frames while rows arrive
+    for (const end = cell.frames + count; cell.frames < end;) {
+      feed(0.2);
+      await new Promise(done => setTimeout(done, 200));
+    }
+  };
+  window.hour = {feed, frames};
+})()"""
+"""Charts and picture of the live page: rows of some seconds, 25 a second, and frames while rows arrive."""
+FRAMES, LEAST_PER_S = 8, 4.0
+"""Number of measured frames, and the smallest frame rate for which their processor time allows, 1/s. Chosen."""
+GROWTH_MB = 4.0
+"""Largest growth of the scripts' memory from 20 to 60 minutes, MB. Chosen: keeping every row would take more."""
+
 _LIVE = files("hil_bridge.show.web").joinpath("static", "page.js").read_text()
-KEEP = int(_LIVE.partition("KEEP_ROWS = ")[2].partition(",")[0])
+_CONSTANTS = dict(re.findall(r"\b([A-Z_]+) = (\d+)[,;]", _LIVE))
+KEEP = int(_CONSTANTS["KEEP_ROWS"])
 """Number of rows that the live page keeps."""
 HOUR = """(() => {
   const place = document.body.appendChild(document.createElement("div"));
@@ -136,6 +168,57 @@ async def test_live_scene_of_an_hour_is_bounded(page: Page, saved: Path) -> None
     assert first[0] == KEEP < 20 * 1500
     assert first[1] > 0
     assert later == [first, first]
+
+
+@pytest.mark.full
+@pytest.mark.timeout(400)
+async def test_live_page_of_an_hour_keeps_memory_and_frames(page: Page, saved: Path) -> None:
+    await page.open(saved.as_uri())
+    await page.until(DRAWN)
+    await page.value(re.sub("KEEP_S|FOLLOW_S|FIRST|KEEP_ROWS", lambda name: _CONSTANTS[name[0]], LIVE_HOUR))
+    sizes, rates = [], []
+    for _ in range(3):
+        for _ in range(20):
+            await page.value("hour.feed(60)")
+        before = await page.metrics()
+        await page.value(f"hour.frames({FRAMES})")
+        after = await page.metrics()
+        sizes.append(after["JSHeapUsedSize"] / 1e6)
+        rates.append(FRAMES / (after["TaskDuration"] - before["TaskDuration"]))
+    assert sizes[-1] - sizes[0] < GROWTH_MB, sizes
+    assert rates[-1] > LEAST_PER_S, rates
+    assert page.errors == []
+
+
+async def test_scene_keys_turn_move_zoom_and_reset(page: Page, saved: Path) -> None:
+    await page.open(saved.as_uri())
+    await page.until(DRAWN)
+    await page.value("hilCell.canvas.focus()")
+    *target, yaw, pitch, distance = begin = await page.value(CAMERA)
+    await page.press("ArrowLeft")
+    await page.press("ArrowUp")
+    assert await page.value(CAMERA) == pytest.approx([*target, yaw + 0.1, pitch + 0.08, distance])
+    await page.press("ArrowRight", shift=True)
+    await page.press("ArrowUp", shift=True)
+    *moved, turned, tilted, same = await page.value(CAMERA)
+    assert math.dist(moved, target) == pytest.approx(math.sqrt(2) * 0.05 * distance)
+    assert [turned, tilted, same] == pytest.approx([yaw + 0.1, pitch + 0.08, distance])
+    await page.press("+")
+    assert (await page.value(CAMERA))[-1] == pytest.approx(0.85 * distance)
+    await page.press("0")
+    assert await page.value(CAMERA) == pytest.approx(begin)
+    assert page.errors == []
+
+
+async def test_saved_page_fills_window_above_legend(page: Page, saved: Path) -> None:
+    """The legend is outside the drawing, and the cell takes what the rest leaves of the window."""
+    await page.open(saved.as_uri(), 1440, 1200)
+    await page.until(DRAWN)
+    box = "document.querySelector('{}').getBoundingClientRect().{}"
+    assert await page.value(f"{box.format('.hil-legend', 'top')} >= {box.format('.hil-stage', 'bottom')}")
+    assert await page.value("document.documentElement.scrollHeight") == 1200
+    assert await page.value(box.format(".hil-stage", "height")) > 500
+    assert await page.value("hilCell.canvas.clientHeight === hilCell.stage.clientHeight")
 
 
 async def test_folded_scene_is_drawn_when_link_opens_it(

@@ -57,7 +57,10 @@ GOOD = """(() => {
   const good = getComputedStyle(probe).color;
   probe.remove();
   const visible = [...document.querySelectorAll("header *, #told *, #numbers *")].filter(one => one.offsetParent);
-  const colours = one => [getComputedStyle(one).color, getComputedStyle(one).backgroundColor];
+  const colours = one => [null, "::before"].flatMap(part => {
+    const {color, backgroundColor} = getComputedStyle(one, part);
+    return [color, backgroundColor];
+  });
   return visible.filter(one => colours(one).includes(good)).map(one => one.id || one.className || one.tagName);
 })()"""
 """Elements in the colour of a run that goes well."""
@@ -156,6 +159,7 @@ async def test_browser_shows_run_cut_and_alarm(
         await page.until(
             "!document.getElementById('cause').hidden || !document.getElementById('outcome').hidden"
         )
+        assert await page.value(GOOD) == []
         await page.until("document.querySelector('#list .alarm')")
         await page.until("!document.getElementById('outcome').hidden")
         outcome = await page.value(text("outcome"))
@@ -180,10 +184,12 @@ async def test_page_retracts_and_ends_run(page: Page, web_run: Callable[..., Web
     run = web_run("--record", "run.mcap", config=LONG)
     await page.open(run.url)
     await page.until(f"{text('phase')} === 'track'")
+    assert "link" in await page.value(GOOD)
     await page.value("document.getElementById('end').click()")
     await page.until("document.getElementById('sure').open")
     await page.value("document.querySelector('#sure .danger').click()")
     await page.until(f"{text('phase')} === 'retract' || !document.getElementById('outcome').hidden")
+    assert await page.value(GOOD) == []
     await page.until("!document.getElementById('outcome').hidden")
     await page.until(f"{text('phase')} === 'ended by the operator'")
     assert run.ended() == 130

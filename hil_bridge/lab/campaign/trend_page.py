@@ -20,6 +20,8 @@ FIGURES_MOST = 30
 """Maximum number of figures in the text, most significant first. Chosen: one screen."""
 FIRST_FIGURES = 8
 """Number of figures on the page that are not folded, at least. Chosen: what a screen has below the first table."""
+_FIRST_CHARTS = 3
+"""Number of charts that are not folded. Chosen: one row of the page."""
 _SETTINGS_MOST = 2
 """Maximum number of settings named in the first sentence. Chosen: the table has all."""
 _TEXT_COLUMNS = "figure", "cell", ""
@@ -78,7 +80,7 @@ def trend_page(trend: Trend) -> str:
 figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
 tests, is below {trend.level:g}. Brackets hold the interval of 95 % of a median, or the range of up to five runs.</p>
 {_setting_table(trend, names)}
-<h2>Course over the results</h2>{room("trend", trend_charts(trend), first=2)}
+<h2>Course over the results</h2>{room("trend", trend_charts(trend), first=_FIRST_CHARTS)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
 
@@ -215,7 +217,9 @@ def trend_charts(trend: Trend) -> Charts:
     sources: dict[str, dict[str, Sequence[float | None]]] = {}
     charts = []
 
-    def add(name: str, title: str, unit: str, lines: Mapping[str, Sequence[float | None]]) -> None:
+    def add(
+        name: str, title: str, unit: str, lines: Mapping[str, Sequence[float | None]], zero: bool = False
+    ) -> None:
         chosen = {cell: lines[cell] for cell in colours if cell in lines}
         sources[name] = {
             "x": list(map(float, range(len(trend.results)))),
@@ -223,13 +227,14 @@ def trend_charts(trend: Trend) -> Charts:
         }
         series = [Series(name, colours[cell], cell, colours[cell], width=2.0) for cell in chosen]
         if series:
-            charts.append(Chart(name, title, unit, series, axis=_PLACE, height_px=170))
+            charts.append(Chart(name, title, unit, series, axis=_PLACE, height_px=170, zero=zero))
 
     add(
         "passed",
         "Runs that passed",
         "%",
         {row.cell: [_share(one) for one in row.tallies] for row in trend.cells},
+        zero=True,
     )
     by_figure: dict[str, dict[str, Sequence[float | None]]] = {}
     for row in sorted(trend.figures, key=_significance):

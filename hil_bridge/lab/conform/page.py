@@ -5,9 +5,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from html import escape
+from pathlib import PurePath
 from typing import Any
 
-from hil_bridge.lab.conform.reports import evidence, lateness, not_modelled, printable, released, totals
+from hil_bridge.lab.conform.reports import evidence, lateness, not_modelled, printable, released
 from hil_bridge.lab.conform.trial import SUITE_VERSION, ScenarioResult, Trial
 from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.show.pages import document
@@ -28,7 +29,8 @@ def conform_page(
     """Render the page. `client` contains the options and the command of the client, which the page repeats."""
     failed = [one for one in results if one.verdict.outcome is Outcome.FAILED]
     title = f"Client test: {trial.thing} {trial.kind}"
-    command = shlex.join(client[client.index("--") + 1 :])
+    command = client[client.index("--") + 1 :]
+    short = shlex.join(PurePath(word).name if word.startswith("/") else word for word in command)
     tested = f"tested {tested_at.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
     style, outcome = ("bad", "failed") if failed else ("good", "passed")
     if all(one.verdict.outcome is Outcome.SKIPPED for one in results):
@@ -38,8 +40,8 @@ def conform_page(
     )
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
     body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{outcome}</span></header>
-<p class="quiet">Client <code>{escape(command)}</code>, {tested} with hil-bridge {escape(released())},
-suite {SUITE_VERSION}.</p>
+<p class="quiet">Client <code title="{escape(shlex.join(command))}">{escape(short)}</code>, {tested}
+with hil-bridge {escape(released())}, suite {SUITE_VERSION}.</p>
 <p class="point">{prose(_verdict(results, failed))}</p>
 {_table(results)}{notes}
 {"".join(_failure(trial, one, client) for one in failed)}
@@ -64,27 +66,23 @@ def repeat_command(trial: Trial[Any], only: str, client: Sequence[str]) -> str:
 
 
 def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioResult[Any]]) -> str:
-    """Return the verdict in one sentence, with the most serious mistake."""
+    """Return the verdict in one sentence; the table below it has the mistakes."""
     if not failed:
         skipped = [one.name for one in results if one.verdict.outcome is Outcome.SKIPPED]
         if len(skipped) == len(results):
-            return f"No scenario could be judged: {results[0].verdict.reason}."
+            return "No scenario could be judged."
         without = f"; skipped: {', '.join(skipped)}" if skipped else ""
         return f"The client passed {len(results) - len(skipped)} of {len(results)} scenarios{without}."
     *others, last = (f"`{one.name}`" for one in failed)
     names = f"{', '.join(others)} and {last}" if others else last
     share = f", {len(failed)} of {len(results)} scenarios" if len(results) > 1 else ""
-    begin = "; first: " if others else ": "
-    return f"The client failed {names}{share}{begin}{failed[0].verdict.faults[0]}."
+    return f"The client failed {names}{share}."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:
     head = "".join(f"<th>{name}</th>" for name in ("", "scenario", "fault", "result"))
     lines = "".join(f"<tr>{_row(one)}</tr>" for one in results)
-    return (
-        f'<table class="verdicts"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
-        f'<p class="quiet">{totals(results)}</p>'
-    )
+    return f'<table class="verdicts"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
 
 
 def _row(one: ScenarioResult[Any]) -> str:

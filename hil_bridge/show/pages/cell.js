@@ -116,14 +116,14 @@ var HilCell = (() => {
       this.inset = element("button", "hil-inset");
       this.inset.type = "button";
       this.inset.addEventListener("click", () => this.view(this.near === "tool" ? "cell" : "tool"));
-      this.stage.append(this.canvas, this.tag, this.key, this.scale, this.inset);
-      this.bar = element("div", "hil-cell-bar");
-      if (this.options.bar) this.buildPlayer();
+      this.stage.append(this.canvas, this.tag, this.inset);
       this.select = element("select");
       this.select.setAttribute("aria-label", "colour of the path");
       this.select.addEventListener("change", () => this.paint(this.select.value));
-      this.bar.append(this.select);
-      this.place.append(this.stage, this.bar);
+      const legend = element("div", "hil-legend");
+      legend.append(this.key, this.select, this.scale);
+      this.place.append(this.stage, legend);
+      if (this.options.bar) this.buildPlayer();
       HilOrbit.attach(this);
     }
 
@@ -139,7 +139,9 @@ var HilCell = (() => {
       const fast = element("button", "", "1×");
       fast.type = "button"; fast.title = "speed"; fast.setAttribute("aria-label", "speed");
       fast.addEventListener("click", () => { this.speed = (this.speed + 1) % SPEEDS.length; fast.textContent = `${SPEEDS[this.speed]}×`; });
-      this.bar.append(this.button, this.slider, this.clock, fast);
+      const bar = element("div", "hil-cell-bar");
+      bar.append(this.button, this.slider, this.clock, fast);
+      this.place.append(bar);
     }
 
     shape() {   // the meshes that do not change
@@ -155,7 +157,7 @@ var HilCell = (() => {
       const had = Object.keys(PAINTS).filter(name => name === "force" || (name === "removed" ? this.model.removed : this.tables.cycle.target?.some(Number.isFinite)));
       if (had.join() === this.had) return;
       this.had = had.join();
-      this.select.replaceChildren(...had.map(name => { const one = element("option", "", PAINTS[name][0]); one.value = name; return one; }));
+      this.select.replaceChildren(...had.map(name => { const one = element("option", "", PAINTS[name].slice(0, 2).join(", ")); one.value = name; return one; }));
       this.select.hidden = had.length < 2;
       this.select.value = this.now;
     }
@@ -326,9 +328,8 @@ var HilCell = (() => {
       if (this.tag.textContent !== text) this.tag.textContent = text;
       const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - 72;
       if (text) this.tag.style.transform = `translate(${Math.round(Math.max(Math.min(place.x / this.ratio + 12, most), left))}px, ${Math.round(Math.max(place.y / this.ratio - 12, 4))}px)`;
-      this.key.style.left = this.scale.style.left = `${(this.wide ? left : 0) + 12}px`;
       const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", "total force on the tool"]];
-      if (truth) keys.splice(1, 0, ["ghost", this.isOld ? "no report of the tool" : `reported tool, ${(this.apart * 1e3).toFixed(2)} mm off`]);
+      if (truth) keys.push(["ghost", this.isOld ? "no report of the tool" : `reported tool, ${(this.apart * 1e3).toFixed(2)} mm off`]);
       keys.forEach(([name, words], k) => {
         const span = this.key.children[k] || this.key.appendChild(element("span"));
         if (span.textContent !== words) { span.textContent = words; span.className = name; }

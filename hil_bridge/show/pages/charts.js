@@ -17,8 +17,6 @@
 "use strict";
 var HilCharts = (() => {
   const BARS_MOST = 1500, ROOM_FROM = 0.5, MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
-  const hint = () => (matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
-    : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all");
   let drawn = 0;
 
   const element = (tag, name, text) => {
@@ -69,6 +67,7 @@ var HilCharts = (() => {
       addEventListener("afterprint", this.fromPrint);
       place.replaceChildren();
       place.classList.add("hil-charts");
+      place.classList.toggle("hil-named", this.isNamed());   // few points each: several charts in a row
       place.tabIndex = 0;
       place.setAttribute("role", "group");
       place.setAttribute("aria-label", "charts; arrow keys move, plus and minus zoom, 0 shows all");
@@ -182,6 +181,8 @@ var HilCharts = (() => {
 
     // toolbar
 
+    isNamed() { return Object.values(this.spec.axes).every(axis => axis.names && axis.names.length); }
+
     makeBar() {
       const bar = element("div", "hil-bar");
       bar.hidden = !this.options.bar;
@@ -193,11 +194,13 @@ var HilCharts = (() => {
         made.addEventListener("click", act);
         bar.append(made);
       };
-      button("−", "zoom out", () => this.scale(2));
-      button("+", "zoom in", () => this.scale(0.5));
-      button("◀", "earlier", () => this.move(-0.3));
-      button("▶", "later", () => this.move(0.3));
-      button("all", "show all", () => this.reset());
+      if (!this.isNamed()) {
+        button("−", "zoom out", () => this.scale(2));
+        button("+", "zoom in", () => this.scale(0.5));
+        button("◀", "earlier", () => this.move(-0.3));
+        button("▶", "later", () => this.move(0.3));
+        button("all", "show all", () => this.reset());
+      }
       this.places = element("select");
       this.places.setAttribute("aria-label", "zoom to");
       this.places.addEventListener("change", () => {
@@ -217,16 +220,18 @@ var HilCharts = (() => {
         label.append(box, layer.label);
         bar.append(label);
       }
-      const most = this.spec.charts.filter((spec, index) => this.shows(spec, index)).length, {first} = this.options;
-      if (first !== null && most > first) {
-        const more = element("button", "hil-more", `${most - first} more charts`);
-        more.type = "button";
-        more.addEventListener("click", () => { this.options.first = null; more.remove(); this.build(); });
-        bar.append(more);
-      }
-      this.note = element("div", "hil-note", hint());
+      this.more = element("button", "hil-more");
+      this.more.type = "button";
+      this.more.addEventListener("click", () => { this.options.first = null; this.build(); });
+      bar.append(this.more);
+      this.note = element("div", "hil-note", this.hint());
       bar.append(this.note);
       return bar;
+    }
+
+    hint() {
+      return this.isNamed() ? "" : matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
+        : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all";
     }
 
     fillPlaces() {
@@ -285,6 +290,7 @@ var HilCharts = (() => {
       for (const span of this.spec.spans) {
         if ((span.axis || "time") === axis) reach(span.begin, span.end ?? span.begin);
       }
+      if (this.spec.axes[axis].names) return [low - 0.5, high + 0.5];   // half a step before the first name and after the last
       return low < high ? [low, high] : low === high ? [low - 0.5, high + 0.5] : [0, 1];
     }
 
@@ -304,7 +310,10 @@ var HilCharts = (() => {
         this.order.push(...all.filter(spec => !this.order.includes(spec)));
         all.sort((one, other) => this.order.indexOf(one) - this.order.indexOf(other));
       }
-      return this.options.first === null || this.printing ? all : all.slice(0, this.options.first);
+      const visible = this.options.first === null || this.printing ? all : all.slice(0, this.options.first);
+      this.more.hidden = visible.length === all.length;
+      this.more.textContent = `${all.length - visible.length} more charts`;
+      return visible;
     }
 
     show(renewed) {
@@ -344,8 +353,8 @@ var HilCharts = (() => {
       return this.css.getPropertyValue(wanted).trim() || this.css.getPropertyValue("--c1").trim();
     }
 
-    width() {
-      const room = Math.max(Math.floor(this.stack.clientWidth), 260);
+    width(box = this.stack) {
+      const room = Math.max(Math.floor(box.clientWidth), 260);
       return this.printing ? Math.min(room, 690) : room;
     }
 
@@ -359,9 +368,9 @@ var HilCharts = (() => {
     }
 
     resize() {
-      const width = this.width();
-      if (!this.place.classList.contains("hil-over")) this.note.textContent = hint();
+      if (!this.place.classList.contains("hil-over")) this.note.textContent = this.hint();
       for (const chart of this.charts) {
+        const width = this.width(chart.box);
         if (chart.plot.width !== width) chart.plot.setSize({width, height: chart.spec.height_px || 180});
       }
     }
@@ -376,8 +385,7 @@ var HilCharts = (() => {
         const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: band.colour ? 0.4 : 1, label: band.label};
         lines.push({...edge, column: band.low, edge: "least"}, {...edge, column: band.high, edge: "greatest"});
       }
-      const chart = {spec, axis, lines, first: index === 0, last};
-      const box = element("div", "hil-chart");
+      const box = element("div", "hil-chart"), chart = {spec, axis, lines, first: index === 0, last, box};
       box.dataset.chart = spec.id;
       const title = element("div", "hil-title", spec.title + " ");
       chart.subtitle = element("span", "");
@@ -385,7 +393,7 @@ var HilCharts = (() => {
       box.append(title);
       this.stack.append(box);
       const options = {
-        width: this.width(), height: spec.height_px || 180, padding: [6, 10, 0, 0],
+        width: this.width(box), height: spec.height_px || 180, padding: [6, 10, 0, 0],
         legend: {markers: {dash: (u, k) => (k === 0 ? "solid" : lines[k - 1].dashed ? "dashed" : lines[k - 1].style === "points" ? "dotted" : "solid")}},
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
         scales: {x: {time: false, auto: false, distr: this.spec.axes[axis].log ? 3 : 1}, y: {distr: spec.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
@@ -477,7 +485,7 @@ var HilCharts = (() => {
       return {
         stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: 22,
         labelFont: "11px system-ui, sans-serif", labelSize: 18, gap: 3,
-        label: chart.last ? [axis.label, axis.unit].filter(Boolean).join(", ") : undefined,
+        label: chart.last && !axis.names ? [axis.label, axis.unit].filter(Boolean).join(", ") : undefined,
         ...(axis.names ? {incrs: [1, 2, 5, 10, 20, 50]} : {}),
         values: (u, splits) => splits.map((value, k) => axis.names ? axis.names[value] ?? "" : value === null ? ""   // the unit is repeated above the last chart's label
           : minus(Number(value.toPrecision(6))) + (k === splits.length - 1 && !chart.last ? ` ${axis.unit}` : "")),
@@ -549,7 +557,7 @@ var HilCharts = (() => {
       const here = u.cursor.left !== undefined && u.cursor.left >= 0;
       const over = here || this.charts.some(other => other.plot.cursor.left >= 0);
       this.place.classList.toggle("hil-over", over);
-      if (!over) this.note.textContent = hint();
+      if (!over) this.note.textContent = this.hint();
       if (!here) return;
       const near = this.spec.marks.filter(mark => (mark.axis || "time") === chart.axis
         && (!mark.layer || this.layers.get(mark.layer) !== false)

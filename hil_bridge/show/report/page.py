@@ -98,7 +98,7 @@ def cell_page(recording: Recording, summary: Summary) -> str:
     charts, _ = run_charts(recording)
     return document(
         f"{run_title(recording)}, {summary.outcome}",
-        f"{_point(recording, summary)}\n{room('run', charts, first=1)}",
+        f'<main class="hil-window">{_point(recording, summary)}\n{room("run", charts, first=1)}</main>',
         cell=bool(recording.cycles),
     )
 
@@ -113,11 +113,11 @@ def _head(recording: Recording, summary: Summary) -> str:
     """Render the heading of the run, and how it ended."""
     which = reality(recording)
     parts = [
-        f"<h1>{escape(run_title(recording))}</h1>",
-        f"<p>{badge(summary.outcome)}",
-        f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
-        ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
-        "</p>",
+        f'<header class="headline"><h1>{escape(run_title(recording))}</h1>',
+        badge(summary.outcome),
+        f'<span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
+        '<span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
+        "</header>",
         _reason(recording, summary),
         criteria_paragraph(summary),
         "<p>The recording ends early; this page covers the recorded part.</p>" if summary.truncated else "",

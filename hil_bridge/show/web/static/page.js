@@ -3,7 +3,7 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200, STILL_S = 1, KEEP_ROWS = 6000, ROUNDED = 1e-4;
+  const KEEP_S = 120, FOLLOW_S = 30, FIRST = 3, QUIET_MS = 4000, EVENTS = 200, STILL_S = 1, KEEP_ROWS = 6000, ROUNDED = 1e-4;
   const OUTCOMES = {completed: ["completed", ""], stopped: ["stopped", "alarm"], interrupted: ["ended by the operator", "caution"], gone: ["lost", "alarm"]};
   let charts = null, cell = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
   let end = null, said = [];   // how the run ended, if the page shows its end; sentences with which the page begins
@@ -54,7 +54,7 @@
     if (scene.devices) name.append(made("small", scene.devices));
     name.className = scene.real ? "real" : "emulated";
     if (charts) charts.destroy();
-    charts = HilCharts.draw($("charts"), update.charts, playback ? {} : {keep: KEEP_S, follow: FOLLOW_S});
+    charts = HilCharts.draw($("charts"), update.charts, {first: FIRST, ...(playback ? {} : {keep: KEEP_S, follow: FOLLOW_S})});
     if (cell) cell.destroy();
     cell = HilCell.draw($("drawn"), update.model, {bar: false, keep: playback ? Infinity : KEEP_ROWS});
     $("list").replaceChildren();
@@ -80,11 +80,13 @@
     const [word, look] = end ? OUTCOMES[end.outcome] || [end.outcome, ""] : now.cause ? OUTCOMES.stopped : [now.phase, now.phase];
     set(phase, word);
     phase.className = look;
+    const leaving = Boolean(now.cause) || now.phase === "retract";
+    document.body.classList.toggle("leaving", leaving);
     document.title = [...(end ? [word] : []), scene.cell || "–", "hil-bridge"].join(" · ");
     set($("step"), now.step ? `step ${now.step} of ${scene.steps.length}: ${now.step_label}` : "");
     $("held").hidden = !now.held;
     set($("elapsed"), fixed(now.elapsed_s, 1, "s"));
-    set($("remaining"), now.remaining_s === null || now.cause || end ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
+    set($("remaining"), now.remaining_s === null || leaving || end ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
     set($("force"), fixed(now.force, 2));
     set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none, in free space");
     const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
