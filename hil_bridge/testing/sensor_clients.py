@@ -15,6 +15,7 @@ to which the tests apply loads. `--hil-live KIND+URL` runs `test_live_sensor_fra
 
 import itertools
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -39,6 +40,7 @@ __all__ = [
     "test_frames_tell_the_wrench_in_the_right_frame_sign_and_unit",
     "test_frames_that_come_again_are_not_told_again",
     "test_live_sensor_frames",
+    "test_lost_frames_advance_the_sequence",
     "test_nothing_is_told_while_the_sensor_is_silent",
     "test_overload_is_told_axis_by_axis",
     "test_pieces_of_frames_are_put_together",
@@ -49,6 +51,10 @@ __all__ = [
 
 _SHARES = (0.05, -0.08, 0.11, 0.06, -0.09, 0.12)
 """Share of each axis' range to be loaded, different for every axis."""
+_CUT_S = 0.1
+"""Time for which the wire is cut, s. Chosen: frames are lost, and no client gives up."""
+_RECENT = 100
+"""Number of frames among which no counter may repeat. Chosen: fewer than a counter of one byte has values."""
 
 
 def _allowed(rig: SensorRig, sensor: ForceSensor) -> list[float]:
@@ -193,10 +199,50 @@ def test_frames_that_come_again_are_not_told_again(sensor_client: SensorCase) ->
                 rig.frames.clear()
                 await rig.wait(0.5)
                 _check_rising(rig.frames)
+                _check_counters(rig.frames)
                 wire.alter = None
                 sensor.check()
 
     run_sensor(sensor_client, check)
+
+
+def test_lost_frames_advance_the_sequence(sensor_client: SensorCase) -> None:
+    """After a short cut, the sequence has increased in proportion to the time."""
+    declared(sensor_client.numbered, "frames with a counter (SensorCase.numbered)")
+
+    async def check(rig: SensorRig) -> None:
+        with suppress(BridgeError):
+            async with rig.started():
+                await rig.wait(0.3)
+                rig.frames.clear()
+                await rig.wait(0.2)
+                before = list(rig.frames)
+                for wire in rig.wires:
+                    wire.cut = True
+                await rig.wait(_CUT_S)
+                for wire in rig.wires:
+                    wire.cut = False
+                await rig.wait(0.1)
+                steps, expected = _advance(before[-1], rig.frames[-1]), _advance(before[0], before[-1])
+                if not 0.9 < steps / expected < 1.1:
+                    raise Finding(
+                        f"after a cut, the sequence has increased by {steps:.0f} a second, before by {expected:.0f}"
+                    )
+
+    run_sensor(sensor_client, check)
+
+
+def _advance(first: WrenchFrame, last: WrenchFrame) -> float:
+    """Return the increase of the sequence per second."""
+    return (last.sequence - first.sequence) / (last.at - first.at)
+
+
+def _check_counters(frames: Sequence[WrenchFrame]) -> None:
+    recent: deque[int] = deque(maxlen=_RECENT)
+    for frame in frames:
+        if frame.counter in recent:
+            raise Finding(f"an old frame is reported as a new one: counter {frame.counter} comes again")
+        recent.append(frame.counter)
 
 
 def _last_of(arrival: Any) -> Any:

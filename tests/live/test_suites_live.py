@@ -44,8 +44,8 @@ def test_harmless_tests_pass_on_devices_of_other_process(tmp_path: Path) -> None
             check=False,
         )
         assert reported.returncode == 0, reported.stdout
-        assert "robot client, suite version 1: 1 run (1 passed), 0 skipped" in reported.stdout
-        assert "sensor client, suite version 1: 1 run (1 passed), 0 skipped" in reported.stdout
+        assert "robot client, suite version 2: 1 run (1 passed), 0 skipped" in reported.stdout
+        assert "sensor client, suite version 2: 1 run (1 passed), 0 skipped" in reported.stdout
     finally:
         emulator.terminate()
         emulator.communicate(timeout=PATIENCE_S)
