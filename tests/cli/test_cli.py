@@ -209,6 +209,7 @@ def test_decode_invalid_frames_exits_with_code_2(hil: Command, frame: str) -> No
 def test_config_commands(hil: Command) -> None:
     assert hil("config", "init") == (0, "wrote hil-bridge.toml\n", "")
     assert hil("list", "facts", "hil-bridge.toml") == hil("list", "facts")
+    assert "Write and explain configuration files; check programs." in hil("config", "--help")[1]
     code, output, _ = hil("config", "schema")
     assert (code, json.loads(output)["type"]) == (0, "object")
 
@@ -335,7 +336,7 @@ def test_set_option_overrides_setting(hil: Command) -> None:
         ("limits.force_limit_n=x", "--set limits.force_limit_n: must be a valid number"),
         (
             "limits.force=1",
-            "--set limits.force is not a setting; the unit is part of the name: force_limit_n",
+            "--set limits.force is not a setting; did you mean force_limit_n",
         ),
         ("limits.force_limit_n", "write KEY=VALUE"),
         ("=1", "write KEY=VALUE"),
