@@ -59,7 +59,7 @@ def test_help_does_not_import_heavy_libraries() -> None:
         (["run", "--robot", "s3+tcp://h:1"], "give --sensor (sensor.url) too"),
         (
             ["run", "--unchecked", "--robot", "s3+foo:", "--sensor", "jr3+can+slcan:///dev/x"],
-            "unknown scheme 'foo'; allowed: serial, ",
+            "'s3+foo:': unknown scheme 'foo'; allowed: serial, tcp, rfc2217, memory; for example s3+serial:///dev/tty",
         ),
         (
             ["run", "--unchecked", "--robot", "s3+serial://", "--sensor", "jr3+can+slcan:///dev/x"],
@@ -96,7 +96,10 @@ def test_help_does_not_import_heavy_libraries() -> None:
             ["emulate", "robot", "--link-profile", "x"],
             "--link-profile must be one of default, observed-client",
         ),
-        (["emulate", "cell", "--robot-port", "s3+foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
+        (
+            ["emulate", "cell", "--robot-port", "s3+foo:"],
+            "'s3+foo:': unknown scheme 'foo'; allowed: pty, tcp-listen",
+        ),
         (["emulate", "cell", "--sensor-port", "jr3+can+foo:"], "unknown scheme 'can+foo'; allowed: can+"),
         (
             ["emulate", "robot", "--robot-port", "s3+tcp-listen://h"],
