@@ -1,11 +1,16 @@
 """`hil-bridge decode`: convert pasted bytes and frames to JSON."""
 
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from hil_bridge.cli.entry_points import EntryPointGroup
 from hil_bridge.console.decode_arguments import print_items, read_bytes, read_frames
+
+if TYPE_CHECKING:
+    from hil_bridge.devices.kinds import Registry
 
 
 class _Kinds(EntryPointGroup):
@@ -16,7 +21,7 @@ class _Kinds(EntryPointGroup):
         return super().get_command(ctx, cmd_name) or _kind_command(cmd_name, self.list_commands(ctx))
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Add the kinds of device to the help, without importing any of them."""
+        """Add the kinds of device with a decoder to the help."""
         from hil_bridge.devices.kinds import ROBOTS, SENSORS
 
         super().format_help_text(ctx, formatter)
@@ -24,8 +29,19 @@ class _Kinds(EntryPointGroup):
         with formatter.indentation():
             formatter.write_text(
                 "Every other kind with a decoder is a command too: `decode KIND HEX…`, on CAN `decode KIND ID#DATA…`. "
-                f"Robots: {', '.join(ROBOTS.names)}. Sensors: {', '.join(SENSORS.names)}."
+                f"Robots: {', '.join(_decoded_kinds(ROBOTS))}. Sensors: {', '.join(_decoded_kinds(SENSORS))}."
             )
+
+
+def _decoded_kinds(registry: "Registry[Any]") -> list[str]:
+    """Return the names of the kinds with a decoder. A kind that cannot be loaded is omitted."""
+    from hil_bridge.errors import ConfigError
+
+    names = []
+    for name in registry.names:
+        with suppress(ConfigError):
+            names += [name] * (registry.kind(name).describe is not None)
+    return names
 
 
 def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
@@ -35,7 +51,7 @@ def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
 
     kinds = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
     if not kinds:
-        known = dict.fromkeys((*others, *ROBOTS.names, *SENSORS.names))
+        known = dict.fromkeys((*others, *_decoded_kinds(ROBOTS), *_decoded_kinds(SENSORS)))
         raise ConfigError(f"unknown kind {name!r}; choose one of {', '.join(known)}")
     kind = next((kind for kind in kinds if kind.describe is not None), kinds[0])
     describe = describer_of(kind)

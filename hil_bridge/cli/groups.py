@@ -10,7 +10,7 @@ def _group(name: str, summary: str) -> click.Group:
     return EntryPointGroup(name, entry_points=f"{COMMANDS}.{name}", help=summary, no_args_is_help=False)
 
 
-config = _group("config", "Write, check and explain configuration files.")
+config = _group("config", "Write and explain configuration files; check programs.")
 emulate = _group("emulate", "Serve emulated devices to any client.")
 identify = _group("identify", "Identify tool, work frame, cell and emulator fidelity.")
 lists = _group("list", "List runs, controllers, plug-ins, faults and facts.")

@@ -57,7 +57,7 @@ def field_text(field: Mapping[str, object], zeros: bool = False) -> str:
     if isinstance(value, (int, float)):
         if not value and not zeros:
             return ""
-        value = f"{value:.7g}"
+        value = f"{value:.7g}" if isinstance(value, float) else f"{value:d}"
     return " ".join(filter(None, (name.replace("_", " "), str(value), unit)))
 
 

@@ -24,6 +24,7 @@ from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.devices import Robot, Sensor
 from hil_bridge.transports.can.memory import memory_can_bus
+from hil_bridge.transports.urls import naming_kind
 from protocol.geometry import Quaternion, Vector
 from protocol.unmodelled import NotModelled
 
@@ -173,7 +174,8 @@ async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
 
     Raises ConfigError for an invalid URL, and TransportUnavailable if the connection fails.
     """
-    link: RobotLink = await robot.kind.connect(robot.url, robot.settings, wiring)
+    with naming_kind(robot.kind.name):
+        link: RobotLink = await robot.kind.connect(robot.url, robot.settings, wiring)
     if robot.kind.name in ROBOTS.own:
         return link
     if not callable(getattr(link, "motion", None)):
@@ -186,7 +188,8 @@ async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
 
     Raises ConfigError for an invalid URL, and TransportUnavailable if the connection fails.
     """
-    answer: Any = await sensor.kind.connect(sensor.url, sensor.settings, wiring)
+    with naming_kind(sensor.kind.name):
+        answer: Any = await sensor.kind.connect(sensor.url, sensor.settings, wiring)
     if not (isinstance(answer, tuple) and len(answer) == 2):
         raise WrongAnswer(sensor.kind, "connect", answer, "a wire and a client")
     wire, client = answer
@@ -264,7 +267,8 @@ async def emulated_cell(
 async def _serve(device: _Device, emulator: Any, serving: Serving) -> _Device:
     """Serve the device at the URL that its client uses."""
     device = choose_port(device, serving.clock.is_virtual)
-    wire_at = await _emulation(device.kind).serve(device.url, emulator, device.settings, serving)
+    with naming_kind(device.kind.name):
+        wire_at = await _emulation(device.kind).serve(device.url, emulator, device.settings, serving)
     return replace(device, url=wire_at)
 
 

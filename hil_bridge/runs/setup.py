@@ -22,6 +22,7 @@ from hil_bridge.settings.devices import (
     sensor_in,
 )
 from hil_bridge.settings.kinds import surface_settings
+from hil_bridge.transports.urls import naming_kind
 
 _OF_THE_LINK = ("hops", "routine", "errors", "traffic")
 """Facts that an open link adds for display. No decision depends on them."""
@@ -94,7 +95,8 @@ class Setup:
     @cached_property
     def facts(self) -> RobotFacts:
         """Facts of the robot before it is connected."""
-        return self.identified(self.robot.kind.facts(self.robot.url, self.robot.settings))
+        with naming_kind(self.robot.kind.name):
+            return self.identified(self.robot.kind.facts(self.robot.url, self.robot.settings))
 
     def identified(self, facts: RobotFacts) -> RobotFacts:
         """Return the facts that a robot reports, together with the name of its kind and whether it is emulated."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,9 @@ PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
 """Settings of each kind of path, by its name."""
 _SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
 _KEY = "task.step"
+_UNIT = "s|s2|ms|us|ns|m|mm|um|nm|n|kg|g|hz|rpm|rad|mrad|urad|deg|percent|share|counts"
+_UNITS = re.compile(f"(?:{_UNIT})(?:_(?:{_UNIT}))*")
+"""Unit at the end of a setting's name, for example `mm_s`."""
 STEPS_HINT = f"; steps in a configuration are [[{_KEY}]], and a file of [[step]] alone is given with --task"
 """Advice for steps that are in the wrong table."""
 
@@ -125,12 +129,21 @@ def count_problems(errors: Sequence[Mapping[str, Any]]) -> int:
 def instead_of(names: Collection[str], wrong: str) -> str:
     """Return a suggestion of names for a mistyped name. A wrong unit suffix is identified as such."""
     stem = wrong.rsplit("_", 1)[0]
-    same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
-    if same_stem:
-        return f"; the unit is part of the name: {' or '.join(same_stem)}"
+    longer = [name for name in names if name.startswith(f"{wrong}_")]
+    same_stem = [name for name in names if name in longer or name.rsplit("_", 1)[0] == stem]
+    units = [name for name in same_stem if _has_unit(name, wrong if name in longer else stem)]
+    if units:
+        return f"; the unit is part of the name: {' or '.join(units)}"
+    if longer:
+        return f"; did you mean {' or '.join(longer)}?"
     if close := difflib.get_close_matches(wrong, names, 1):
         return f"; did you mean {close[0]}?"
     return f"; known here: {', '.join(names)}"
+
+
+def _has_unit(name: str, stem: str) -> bool:
+    """Return whether a name consists of a stem and a unit."""
+    return _UNITS.fullmatch(name.removeprefix(f"{stem}_")) is not None
 
 
 def _kind(word: str | int) -> type | None:

@@ -26,7 +26,7 @@ from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import Robot, Sensor, robot_in, sensor_in
 from hil_bridge.site import datagrams, facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
-from hil_bridge.transports.urls import WireUrl
+from hil_bridge.transports.urls import WireUrl, naming_kind
 
 PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "pydantic", "mcap", "msgspec")
 PERIOD_S, CYCLES = 1e-3, 1000
@@ -132,7 +132,8 @@ def _opened_by(device: Robot | Sensor) -> Sequence[WireUrl]:
     """Return the wires that the client of a device opens. Raises ConfigError for an invalid URL."""
     kind, url, settings = device.kind, device.url, device.settings
     others = kind.other_wires if isinstance(kind, SensorKind) else None
-    return [kind.parse(url, settings), *(others(url, settings) if others else ())]
+    with naming_kind(kind.name):
+        return [kind.parse(url, settings), *(others(url, settings) if others else ())]
 
 
 def differences(config: Config, file: Path) -> list[Fact]:

@@ -2,7 +2,9 @@
 
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -40,9 +42,11 @@ These bytes may contain a negotiation. The value is several times the number of 
 before the first data.
 """
 TOGETHER_MAX = 64
-"""Maximum number of undecodable pieces that are decoded together, because a message may arrive in parts. Chosen: as
+"""Number of undecodable pieces after which they are decoded together, because a message may arrive in parts. Chosen: as
 in a record.
 """
+TOGETHER_BYTES = 1 << 12
+"""Maximum number of bytes without a message that are kept for the pieces that follow. Chosen."""
 
 _HEADS = ("op", "message", "name", "root", "kind")
 """Keys that identify the type of an item. The first key that is present applies."""
@@ -191,39 +195,23 @@ def describe_traffic(traffic: Iterable[Piece], kind: DeviceKind | None, device: 
     """
     name = device if kind is None else kind.name
     describe = None if kind is None else describer_of(kind)
-    begin = bytearray()
-    waiting: list[Piece] = []
+    parts = None if describe is None else _Reassembly(describe)
     arrows = {"tx": f"PC→{name}", "rx": f"{name}→PC"}
 
-    def told(piece: Piece, items: Sequence[Item]) -> Iterator[Row]:
-        for item in items:
-            yield Row(piece.at, arrows[piece.direction], item_text(item), piece.data, has_trouble(item))
-
-    def empty() -> Iterator[Row]:
-        if waiting and describe is not None:
-            for piece, items in _decode_together(waiting, bytes(begin), describe):
-                yield from told(piece, items)
-        for piece in waiting:
-            if len(begin) < CONTEXT_BYTES:
-                begin.extend(piece.data)
-        waiting.clear()
+    def row(one: _Decoded) -> Row:
+        return Row(
+            one.piece.at, arrows[one.piece.direction], item_text(one.item), one.data, has_trouble(one.item)
+        )
 
     for piece in traffic:
-        if describe is None or not piece.data:
-            yield from empty()
+        if parts is None or not piece.data:
+            if parts is not None:
+                yield from map(row, parts.flush())
             yield _describe_one(piece, describe, arrows)
-            continue
-        items = describe(piece.data)
-        if any(map(has_trouble, items)):
-            waiting.append(piece)
-            if len(waiting) >= TOGETHER_MAX:
-                yield from empty()
-            continue
-        yield from empty()
-        if len(begin) < CONTEXT_BYTES:
-            begin.extend(piece.data)
-        yield from told(piece, items)
-    yield from empty()
+        else:
+            yield from map(row, parts.add(piece))
+    if parts is not None:
+        yield from map(row, parts.flush())
 
 
 def _describe_one(piece: Piece, describe: Describe | None, arrows: Mapping[str, str]) -> Row:
@@ -254,30 +242,101 @@ def _frame_data(text: str) -> bytes:
         return b""
 
 
-def _decode_together(
-    waiting: Sequence[Piece], begin: bytes, describe: Describe
-) -> Iterator[tuple[Piece, Sequence[Item]]]:
-    """Return the items of pieces that cannot be decoded separately, decoded together after the start of the wire.
+class _Decoded(NamedTuple):
+    """Decoded item, the piece in which it ends, and the bytes to display with it."""
 
-    The result is used only if it decodes more of them. An item belongs to the piece in which it ends.
+    piece: Piece
+    item: Item
+    data: bytes
+
+
+class _Reassembly:
+    """Decoder of the pieces of a wire. Pieces that cannot be decoded separately are decoded together, after the start
+    of the wire.
     """
-    alone = [describe(piece.data) for piece in waiting]
-    joined = [*describe(begin + b"".join(piece.data for piece in waiting))]
-    placed = [(_number(item, "offset") - len(begin), _number(item, "size"), item) for item in joined]
-    placed = [one for one in placed if one[0] + one[1] > 0]
-    before = sum(has_trouble(item) for items in alone for item in items)
-    better = sum(has_trouble(item) for _, _, item in placed) < before
-    if not (better and placed and placed[0][0] == 0):
-        yield from zip(waiting, alone, strict=True)
-        return
-    end = number = 0
+
+    def __init__(self, describe: Describe) -> None:
+        self._describe = describe
+        self._begin = bytearray()
+        self._waiting: list[Piece] = []
+        self._untried = 0
+
+    def add(self, piece: Piece) -> list[_Decoded]:
+        """Return the items that are complete with this piece."""
+        items = self._describe(piece.data)
+        if not any(map(has_trouble, items)):
+            complete = self.flush()
+            self._extend_begin(piece.data)
+            return complete + [_Decoded(piece, item, piece.data) for item in items]
+        self._waiting.append(piece)
+        self._untried += 1
+        return self._decode(is_end=False) if self._untried >= TOGETHER_MAX else []
+
+    def flush(self) -> list[_Decoded]:
+        """Return the items of all pieces that are left, whether they are complete or not."""
+        return self._decode(is_end=True) if self._waiting else []
+
+    def _decode(self, is_end: bool) -> list[_Decoded]:
+        """Return the items of the waiting pieces. If more pieces may follow, those after the last message are kept.
+
+        The pieces are decoded together only if this decodes more of them.
+        """
+        waiting, self._waiting, self._untried = self._waiting, [], 0
+        alone = [
+            _Decoded(piece, item, piece.data) for piece in waiting for item in self._describe(piece.data)
+        ]
+        joined = _decode_together(waiting, bytes(self._begin), self._describe)
+        is_better = bool(joined) and _count_trouble(joined) < _count_trouble(alone)
+        messages = [k for k, one in enumerate(joined, 1) if one.item.get("kind") != "noise"]
+        complete = joined[: messages[-1] if messages else 0]
+        if not is_end:
+            kept = _after(waiting, sum(len(one.data) for one in complete) if is_better else 0)
+            if sum(len(piece.data) for piece in kept) < TOGETHER_BYTES:
+                self._waiting = kept
+                if not is_better:
+                    return []
+                joined = complete
+        for one in complete:
+            self._extend_begin(one.data)
+        return joined if is_better else alone
+
+    def _extend_begin(self, data: bytes) -> None:
+        if len(self._begin) < CONTEXT_BYTES:
+            self._begin += data
+
+
+def _decode_together(waiting: Sequence[Piece], begin: bytes, describe: Describe) -> list[_Decoded]:
+    """Return the items of the joined pieces after the start of the wire, or an empty list if the first item does not
+    begin with the first piece. An item belongs to the piece in which it ends.
+    """
+    raw = begin + b"".join(piece.data for piece in waiting)
+    ends = [*accumulate((len(piece.data) for piece in waiting), initial=len(begin))][1:]
+    decoded: list[_Decoded] = []
+    start = len(begin)
+    for item in describe(raw):
+        offset = _number(item, "offset")
+        end = min(offset + _number(item, "size"), len(raw))
+        if end <= len(begin):
+            continue
+        if not decoded and offset != start:
+            return []
+        decoded.append(_Decoded(waiting[bisect_left(ends, end)], item, raw[start:end]))
+        start = max(start, end)
+    return decoded
+
+
+def _after(waiting: Sequence[Piece], size: int) -> list[Piece]:
+    """Return the pieces without their first `size` bytes."""
+    kept = []
     for piece in waiting:
-        end += len(piece.data)
-        ended = number
-        while ended < len(placed) and placed[ended][0] + placed[ended][1] <= end:
-            ended += 1
-        yield piece, [item for _, _, item in placed[number:ended]]
-        number = ended
+        if size < len(piece.data):
+            kept.append(piece._replace(data=piece.data[size:]))
+        size = max(0, size - len(piece.data))
+    return kept
+
+
+def _count_trouble(decoded: Sequence[_Decoded]) -> int:
+    return sum(has_trouble(one.item) for one in decoded)
 
 
 def _number(item: Item, key: str) -> int:

@@ -44,10 +44,11 @@ No wire is reachable from other computers unless its URL names such an address.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from hil_bridge.errors import ConfigError
@@ -232,6 +233,34 @@ HOST_PORTS = {
 """Schemes whose target is a host with a port, with the lowest valid port; 0 lets the operating system choose a port."""
 
 
+class UnknownScheme(ConfigError):
+    """URL whose scheme is missing, or is none of those of its device."""
+
+    url, scheme = "", ""
+    schemes: Mapping[str, _Scheme] = {}
+
+    @classmethod
+    def in_url(cls, url: str, scheme: str, schemes: Mapping[str, _Scheme], kind: str = "") -> Self:
+        """Return the error. `kind` is the kind of the device if `url` does not contain it."""
+        prefix = f"{kind}+" if kind else ""
+        example = next(f"{name}:{one.target}" for name, one in schemes.items() if one.target)
+        problem = f"unknown scheme {scheme!r}" if scheme else "the scheme is missing"
+        error = cls(
+            f"{prefix + url!r}: {problem}; allowed: {', '.join(schemes)}; for example {prefix}{example}"
+        )
+        error.url, error.scheme, error.schemes = url, scheme, schemes
+        return error
+
+
+@contextmanager
+def naming_kind(kind: str) -> Iterator[None]:
+    """Name the kind of the device in the error for an unknown scheme of its URL."""
+    try:
+        yield
+    except UnknownScheme as error:
+        raise UnknownScheme.in_url(error.url, error.scheme, error.schemes, kind) from error
+
+
 def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> WireUrl:
     """Parse a URL according to one of the tables above. Raises ConfigError that names the invalid part.
 
@@ -246,10 +275,7 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> Wire
         raise ConfigError(f"{named!r}: {error}") from error
     scheme = schemes.get(parts.scheme)
     if scheme is None:
-        example = next(f"{name}:{scheme.target}" for name, scheme in schemes.items() if scheme.target)
-        raise ConfigError(
-            f"{named!r}: unknown scheme {parts.scheme!r}; allowed: {', '.join(schemes)}; for example {example}"
-        )
+        raise UnknownScheme.in_url(named, parts.scheme, schemes)
     target = unquote(parts.netloc + parts.path)
     if not scheme.target and target:
         raise ConfigError(f"{named!r}: nothing is allowed between {parts.scheme}: and ?, got {target!r}")

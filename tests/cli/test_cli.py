@@ -59,7 +59,7 @@ def test_help_does_not_import_heavy_libraries() -> None:
         (["run", "--robot", "s3+tcp://h:1"], "give --sensor (sensor.url) too"),
         (
             ["run", "--unchecked", "--robot", "s3+foo:", "--sensor", "jr3+can+slcan:///dev/x"],
-            "unknown scheme 'foo'; allowed: serial, ",
+            "'s3+foo:': unknown scheme 'foo'; allowed: serial, tcp, rfc2217, memory; for example s3+serial:///dev/tty",
         ),
         (
             ["run", "--unchecked", "--robot", "s3+serial://", "--sensor", "jr3+can+slcan:///dev/x"],
@@ -96,7 +96,10 @@ def test_help_does_not_import_heavy_libraries() -> None:
             ["emulate", "robot", "--link-profile", "x"],
             "--link-profile must be one of default, observed-client",
         ),
-        (["emulate", "cell", "--robot-port", "s3+foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
+        (
+            ["emulate", "cell", "--robot-port", "s3+foo:"],
+            "'s3+foo:': unknown scheme 'foo'; allowed: pty, tcp-listen",
+        ),
         (["emulate", "cell", "--sensor-port", "jr3+can+foo:"], "unknown scheme 'can+foo'; allowed: can+"),
         (
             ["emulate", "robot", "--robot-port", "s3+tcp-listen://h"],
@@ -209,6 +212,7 @@ def test_decode_invalid_frames_exits_with_code_2(hil: Command, frame: str) -> No
 def test_config_commands(hil: Command) -> None:
     assert hil("config", "init") == (0, "wrote hil-bridge.toml\n", "")
     assert hil("list", "facts", "hil-bridge.toml") == hil("list", "facts")
+    assert "Write and explain configuration files; check programs." in hil("config", "--help")[1]
     code, output, _ = hil("config", "schema")
     assert (code, json.loads(output)["type"]) == (0, "object")
 
@@ -335,7 +339,7 @@ def test_set_option_overrides_setting(hil: Command) -> None:
         ("limits.force_limit_n=x", "--set limits.force_limit_n: must be a valid number"),
         (
             "limits.force=1",
-            "--set limits.force is not a setting; the unit is part of the name: force_limit_n",
+            "--set limits.force is not a setting; did you mean force_limit_n",
         ),
         ("limits.force_limit_n", "write KEY=VALUE"),
         ("=1", "write KEY=VALUE"),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.console.printing import Printer
+from hil_bridge.console.printing import Printer, field_text
 from hil_bridge.device_commands.s3.capture import Piece, Sender, link_pieces, parse_capture
 from hil_bridge.device_commands.s3.link_monitor import Line, LinkMonitor
 from hil_bridge.device_commands.s3.monitor import listen
@@ -332,7 +332,8 @@ def test_monitor_command_reads_captures_and_names_errors(tmp_path: Path) -> None
         (["nothing.mcap"], "cannot read nothing.mcap: No such file or directory"),
         (["nothing"], "it names no kind"),
         (["tcp://a:1", "tcp://a:2"], "did you mean rtde+tcp://a:1 or s3+tcp://a:1?"),
-        (["egm+udp-bind://0.0.0.0:1"], "only the link of an s3 can be monitored, not of a egm"),
+        (["egm+udp-bind://0.0.0.0:1"], "only the link of an s3 can be monitored, not that of egm"),
+        (["ft300+serial:///dev/pts/77"], "hil-bridge monitor RECORDING --device sensor"),
         (["s3+tcp://a:1", "s3+tcp://a:2", "s3+tcp://a:3"], "at most two URLs"),
         (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "only one CAN bus can be monitored"),
     ],
@@ -341,6 +342,11 @@ def test_monitor_invalid_source_is_named(arguments: list[str], message: str) -> 
     error = CliRunner().invoke(cli, ["monitor", *arguments]).exception
     assert isinstance(error, ConfigError)
     assert message in str(error)
+
+
+def test_monitor_integer_is_printed_in_full() -> None:
+    assert field_text({"name": "time", "value": 11421250, "unit": "us"}) == "time 11421250 us"
+    assert field_text({"name": "force", "value": 11421250.0, "unit": "N"}) == "force 1.142125e+07 N"
 
 
 # --- while it runs, in virtual time

@@ -75,10 +75,12 @@ def test_decode_unsupported_input_is_one_line(arguments: tuple[str, ...], messag
     assert "\n" not in str(error)
 
 
-def test_decode_help_names_every_kind() -> None:
+def test_decode_help_names_every_kind_with_decoder() -> None:
     text = " ".join(decoded("--help").output.split())
-    for name in (*ROBOTS.names, *SENSORS.names):
-        assert name in text
+    for registry, title in ((ROBOTS, "Robots"), (SENSORS, "Sensors")):
+        names = [name for name in registry.names if registry.kind(name).describe is not None]
+        assert f"{title}: {', '.join(names)}." in text
+    assert "jr3-board" not in text
 
 
 def test_plugin_decoder_exception_becomes_problem() -> None:

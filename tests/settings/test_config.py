@@ -39,6 +39,14 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
         ),
         ("[task]\nforce = 1", "task.force is not a setting; the unit is part of the name: force_n"),
         ("[cell.surface]\nstifness_n_m = 1", "did you mean stiffness_n_m?"),
+        (
+            "[limits]\nforce = 1",
+            "limits.force is not a setting; did you mean force_limit_n or force_margin_share?",
+        ),
+        (
+            "[limits]\nforce_limit = 1",
+            "limits.force_limit is not a setting; the unit is part of the name: force_l",
+        ),
         ("[bogus]\nx = 1", "bogus is not a setting; known here: run, robot"),
         ('[run]\nduration_s = "x"', "run.duration_s: must be a valid number"),
         ("run = 3", "run must be a table of settings, got 3"),

@@ -295,7 +295,8 @@ def test_doctor_follows_symbolic_link_to_port(tmp_path: Path) -> None:
     [
         ("s3+serial:///dev/ttyUSB9", "", "robot.url", "no such port"),
         ("s3+serial:///etc/nothing", "", "robot.url", "no such port"),
-        ("s3+serail:///dev/ttyUSB0", "", "robot.url", "unknown scheme"),
+        ("s3+serail:///dev/ttyUSB0", "", "robot.url", "for example s3+serial:///dev/ttyUSB0"),
+        ("s3+/dev/ttyUSB0", "", "robot.url", "'s3+/dev/ttyUSB0': the scheme is missing"),
         ("serial:///dev/ttyUSB0", "", "robot.url", "did you mean s3+serial:///dev/ttyUSB0?"),
         ("s3+memory:robot", "", "robot.url", "inside one process"),
         ("", "jr3+can+socketcan://can7", "sensor.url", "no such CAN interface"),

@@ -1,6 +1,8 @@
 """Monitor of recordings: decoded traffic of any device, and undecodable bytes unchanged."""
 
+from bisect import bisect_left
 from dataclasses import replace
+from itertools import accumulate, cycle, pairwise, takewhile
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,14 @@ from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import LinkLog, LinkRecord
-from hil_bridge.site.traffic import Piece, describe_traffic, item_text, pieces
+from hil_bridge.site.traffic import (
+    CONTEXT_BYTES,
+    TOGETHER_BYTES,
+    Piece,
+    describe_traffic,
+    item_text,
+    pieces,
+)
 from protocol.can.text import parse_frame
 from protocol.devices.ft300.messages import HEADER, crc16
 from tests.near_surface import STREAMED, merged
@@ -77,6 +86,27 @@ def test_traffic_message_in_parts_is_reassembled() -> None:
     rows = list(describe_traffic(traffic, SENSORS.kind("ft300"), "sensor"))
     assert [row.at for row in rows] == [1.0, 2.1]
     assert not any(row.trouble for row in rows)
+
+
+@pytest.mark.parametrize("sizes", [(6, 6, 4), (7,), (40, 3)])
+def test_traffic_of_any_cuts_is_reassembled(sizes: tuple[int, ...]) -> None:
+    """The stream begins inside a message, and is longer than the context of its wire."""
+    message = HEADER + bytes(12)
+    complete = message + crc16(message).to_bytes(2, "little")
+    stream = complete[3:] + complete * (CONTEXT_BYTES // len(complete) + 100)
+    cuts = [*takewhile(lambda cut: cut < len(stream), accumulate(cycle(sizes))), len(stream)]
+    traffic = [Piece(cut, "rx", stream[begin:cut]) for begin, cut in pairwise((0, *cuts))]
+    first, *rows = describe_traffic(traffic, SENSORS.kind("ft300"), "sensor")
+    assert (first.data, first.trouble) == (complete[3:], True)
+    ends = range(2 * len(complete) - 3, len(stream) + 1, len(complete))
+    assert [row.at for row in rows] == [cuts[bisect_left(cuts, end)] for end in ends]
+    assert {(row.data, row.trouble) for row in rows} == {(complete, False)}
+
+
+def test_traffic_undecodable_pieces_are_kept_within_bound() -> None:
+    traffic = iter([Piece(float(number), "rx", b"\0") for number in range(2 * TOGETHER_BYTES)])
+    next(describe_traffic(traffic, SENSORS.kind("ft300"), "sensor"))
+    assert next(traffic).at == TOGETHER_BYTES
 
 
 def test_traffic_distinguishes_events_datagrams_frames() -> None:

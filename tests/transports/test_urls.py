@@ -95,8 +95,8 @@ def test_url_options_have_types() -> None:
 
 
 REFUSED = [
-    (connect_bytes, "", "unknown scheme ''; allowed: serial, tcp, rfc2217, memory"),
-    (connect_bytes, "/dev/ttyUSB0", "unknown scheme"),
+    (connect_bytes, "", "the scheme is missing; allowed: serial, tcp, rfc2217, memory"),
+    (connect_bytes, "/dev/ttyUSB0", "the scheme is missing; allowed: serial"),
     (connect_bytes, "usb:///dev/ttyUSB0", "unknown scheme 'usb'; allowed: serial, tcp, rfc2217, memory"),
     (connect_bytes, "serial://?baudrate=9600", "target is missing; for example serial:///dev/ttyUSB0"),
     (

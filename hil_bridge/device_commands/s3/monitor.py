@@ -1,10 +1,12 @@
 """`hil-bridge monitor`: decoded traffic of a link, from a file or live. It only receives."""
 
 import asyncio
+import itertools
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 from pydantic import TypeAdapter
@@ -14,7 +16,7 @@ from hil_bridge.console.printing import Printer, end, stop_on_signals
 from hil_bridge.device_commands.s3.capture import Piece, Sender, link_pieces, parse_capture
 from hil_bridge.device_commands.s3.link_monitor import Counts, LinkMonitor
 from hil_bridge.device_commands.s3.printing import counts_text, print_lines
-from hil_bridge.devices.kinds import robot_of
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, Registry, robot_of
 from hil_bridge.devices.robots.s3.orders_file import read_orders
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.robots.s3.room import robot_wire
@@ -165,9 +167,13 @@ def monitor(sources: Sequence[str], options: MonitorOptions) -> None:
         return
     if len(sources) > 2:
         raise ConfigError("at most two URLs: one for the PC and one for the robot")
-    wires = [robot_of(source) for source in sources]
-    if other := next((kind for kind, _ in wires if kind is not S3), None):
-        raise ConfigError(
-            f"only the link of an s3 can be monitored, not of a {other.name}; record a run, and give the recording"
-        )
-    monitor_link(tuple(wire for _, wire in wires), link, orders, options.raw, options.save)
+    registries: tuple[Registry[Any], ...] = (ROBOTS, SENSORS)
+    for source, registry in itertools.product(sources, registries):
+        other = registry.split(source)[0]
+        if other not in ("", S3.name):
+            raise ConfigError(
+                f"only the link of an s3 can be monitored, not that of {other}; record a run, and give the recording: "
+                f"hil-bridge monitor RECORDING --device {registry.thing}"
+            )
+    wires = tuple(robot_of(source)[1] for source in sources)
+    monitor_link(wires, link, orders, options.raw, options.save)
