@@ -39,11 +39,14 @@ def test_errors_of_our_sensors_stop_no_run() -> None:
     assert not [row["cause"] for row in healthy if row["cause"]]
 
 
-def test_errors_do_not_weaken_guard() -> None:
-    """The largest true force of a fault stays within 10 %, and one newton, of the force without these errors."""
+def test_errors_do_not_weaken_guard(tool: dict[str, Any]) -> None:
+    """The largest true force of a fault stays within 10 %, and one newton, of the force without these errors, or within
+    twice the desired force if the sensor repeats a sample that differs from it.
+    """
     faulty = [row for row in FIGURES if row["fault"] and row["errors"] != "as a CB3"]
     alone = {(row["robot"], row["fault"]): row for row in faulty if row["errors"] == "noise alone"}
     for row in faulty:
         same = alone[row["robot"], row["fault"]]
         assert row["cause"] or not same["cause"]
-        assert row["peak_n"] <= 1.1 * same["peak_n"] + 1.0
+        repeated = 2.0 * tool["FORCE_N"] if row["cause"] == "unanswered" else 0.0
+        assert row["peak_n"] <= max(1.1 * same["peak_n"] + 1.0, repeated)

@@ -25,7 +25,7 @@ def tool() -> dict[str, Any]:
 @pytest.mark.parametrize(("robot", "sensor"), CELLS)
 def test_benchmark_cases_are_possible_on_every_robot(robot: str, sensor: str) -> None:
     settings = {"robot.emulated": robot, "sensor.emulated": sensor, "controller.name": "pi"}
-    for name, cases in (("force", 23), ("moved", 14)):
+    for name, cases in (("force", 24), ("moved", 16), ("places", 25)):
         plan = read_plan(FOLDER / f"{name}.toml", settings=settings)
         assert len(plan.possible) == cases
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from emulators.surface.contact import Contact, SurfaceProfile
+from emulators.target_times import TargetTimes
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, SurfaceKind
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.testing import (
@@ -102,7 +103,7 @@ SPOILT_ROBOTS: dict[str, tuple[Callable[[Any, float], Any], str]] = {
         "took different paths",
     ),
     "test_targets_are_counted_and_begin_after_their_order": (
-        lambda robot, now: Around(robot, accepted=0),
+        lambda robot, now: Around(robot, targets=TargetTimes()),
         "`accepted` stays at 0",
     ),
     "test_every_fault_of_the_robot_can_begin": (
