@@ -164,7 +164,8 @@ def test_conform_writes_page_and_keeps_other_file(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, [*command, "--", "sleep", "9"])
     assert result.exit_code == 4, result.output
     text = place.read_text(encoding="utf-8")
-    assert "The client failed <code>nominal</code>: never connected: nothing in 0.2 s." in text
+    assert "The client failed <code>nominal</code>.</p>" in text
+    assert "<td>never connected: nothing in 0.2 s</td>" in text
     assert "--set start_s=0.2 -- sleep 9</code>" in text
     with pytest.raises(Exception, match="already exists"):
         CliRunner().invoke(cli, [*command, "--", "sleep", "9"], catch_exceptions=False)
