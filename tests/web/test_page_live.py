@@ -121,7 +121,7 @@ async def test_browser_shows_run_cut_and_alarm(
         "40",
         "--record",
         "run.mcap",
-        config=NEAR + LIMIT + FAULT.format(2.5),
+        config=NEAR + LIMIT + FAULT.format(12.0),
     )
     async with cuttable(run.port) as path:
         await page.open(f"http://127.0.0.1:{path.port}/")
