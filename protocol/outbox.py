@@ -14,7 +14,7 @@ class Due:
     _due: float | None = None
 
     def next_deadline(self) -> float | None:
-        """Return the next deadline, s; None if there is none."""
+        """Return the next deadline, s, or None."""
         return self._due
 
 

@@ -83,7 +83,7 @@ class _Commands(EntryPointGroup):
     """Commands of hil-bridge, with a translation of every exception that ends a command."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command with this name, or None if there is none.
+        """Return the command with this name, or None.
 
         Raises ConfigError if a built-in command is not installed, if the command cannot be loaded, or if the name
         is an earlier name of a command.

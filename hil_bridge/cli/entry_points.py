@@ -37,7 +37,7 @@ class EntryPointGroup(click.Group):
         return sorted({*self.commands, *offered().select(group=self.entry_points).names})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command with this name, or None if there is none. Raises ConfigError if it cannot be loaded."""
+        """Return the command with this name, or None. Raises ConfigError if it cannot be loaded."""
         return super().get_command(ctx, cmd_name) or load_command(self.entry_points, cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -61,7 +61,7 @@ class EntryPointGroup(click.Group):
 
 
 def load_command(group: str, name: str) -> click.Command | None:
-    """Return the command with this name in an entry point group, or None if there is none.
+    """Return the command with this name in an entry point group, or None.
 
     Raises ConfigError that names the package if the command cannot be loaded, or if two packages provide it.
     """
@@ -92,7 +92,7 @@ def extension(name: str, subject: str) -> Callable[..., Any]:
 
 
 def _load(group: str, thing: str, name: str) -> Any:
-    """Return the object with this name in an entry point group, or None if there is none. Raises ConfigError if it
+    """Return the object with this name in an entry point group, or None. Raises ConfigError if it
     cannot be loaded.
     """
     points = list(offered().select(group=group, name=name))

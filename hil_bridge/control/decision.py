@@ -35,7 +35,7 @@ class Proposal(Struct, frozen=True, gc=False):
     failure: Reason | None
     """Failure of the controller, with its package and code location; None if there is no failure."""
     advice: Advice | None
-    """Advice from the oscillation detector; None if there is none."""
+    """Advice from the oscillation detector, or None."""
     program: ProgramState
     oscillation: OscillationState
     trace: str = ""

@@ -56,7 +56,7 @@ class LateSettings(NamedTuple):
     """Comment lines written above the settings."""
     sections: Sections
     left_out: str = ""
-    """Description of a delay that is not emulated; empty if there is none."""
+    """Description of a delay that is not emulated, or an empty string."""
 
 
 LateRobot: TypeAlias = Callable[[Mapping[str, Sequence[float]], str, Any], LateSettings]
@@ -65,7 +65,7 @@ robot by name, in ms, the robot's URL ("" for the emulated robot) and its `KindS
 """
 LateSensor: TypeAlias = Callable[[Callable[[], Sequence[float]]], LateSettings]
 """Function that returns the latency settings of a sensor. Its argument is a function that returns quantiles of the
-frame delay, in ms, and raises ConfigError if there are none.
+frame delay, in ms, and raises ConfigError without a measured delay.
 """
 
 

@@ -50,7 +50,7 @@ def offers(group: str) -> list[tuple[str, str, str]]:
 
 
 def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
-    """Return the object that a plug-in provides under a name; None if there is none. `thing` is the word for the
+    """Return the object that a plug-in provides under a name, or None. `thing` is the word for the
     object in errors.
 
     Raises ConfigError with the distribution if the object cannot be loaded, if two plug-ins provide the same name,

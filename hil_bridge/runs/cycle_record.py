@@ -23,7 +23,7 @@ class Course(Struct, frozen=True, gc=False):
     sensor_counter: int
     start: Vector
     request: Reason | None
-    """Request to end, or failure outside the cycles, that the decision follows; None if there is none."""
+    """Request to end, or failure outside the cycles, that the decision follows, or None."""
     step: int
     correction: float
     sent_at: float

@@ -294,7 +294,7 @@ class FallbackRetraction:
         return sum((p - s) * n for p, s, n in offsets)
 
     def _force(self, since: float) -> float:
-        """Return the magnitude of the contact force from a sufficiently fresh frame, N; NaN if there is none."""
+        """Return the magnitude of the contact force from a sufficiently fresh frame, N, or NaN."""
         newest, peaks = self._sensor.newest, self._sensor.peaks
         try:
             self._sensor.check()

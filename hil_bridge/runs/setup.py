@@ -111,7 +111,7 @@ class Setup:
 
     @property
     def remark(self) -> str:
-        """One-line remark on the pace of the controller; empty if there is none."""
+        """One-line remark on the pace of the controller, or an empty string."""
         return describe_pace(self._requested, self.config, self.facts.cycle_s)
 
     @cached_property

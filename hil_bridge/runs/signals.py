@@ -58,7 +58,7 @@ class Signals:
 
     def __init__(self) -> None:
         self.first: int | None = None
-        """First signal received; None if there is none."""
+        """First signal received, or None."""
         self.count = 0
         """Number of signals received."""
         self._react: React = at_once

@@ -39,7 +39,7 @@ class ArmAxis(Struct, frozen=True):
     """Point on the axis that is closest to the point of the previous axis; for axis 1, to the base."""
     direction: Vector
     less: int = 0
-    """Number of the axis whose angle this axis's angle includes; 0 if there is none."""
+    """Number of the axis whose angle this axis's angle includes, or 0."""
 
 
 class Arm(Struct, frozen=True):

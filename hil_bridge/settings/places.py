@@ -31,7 +31,7 @@ def resolve_files(values: dict[str, Any], folder: Path) -> None:
 
 
 def _table(values: Any, *sections: str) -> dict[str, Any]:
-    """Return the table itself, or an empty table if there is none."""
+    """Return the table itself, or an empty table."""
     for section in sections:
         values = values.get(section) if isinstance(values, dict) else None
     return values if isinstance(values, dict) else {}

@@ -273,7 +273,7 @@ def link_details(text: str) -> dict[str, dict[str, Any]]:
 
 
 def _table(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return a table inside another table, or an empty table if there is none."""
+    """Return a table inside another table, or an empty table."""
     table = values.get(key)
     return table if isinstance(table, dict) else {}
 

@@ -234,7 +234,7 @@ HOST_PORTS = {
 
 
 class UnknownScheme(ConfigError):
-    """URL whose scheme is missing, or is none of those of its device."""
+    """URL whose scheme is missing, or is not allowed for its device."""
 
     url, scheme = "", ""
     schemes: Mapping[str, _Scheme] = {}

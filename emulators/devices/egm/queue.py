@@ -32,7 +32,7 @@ class MessageQueue:
         return True
 
     def take(self) -> Answer | None:
-        """Return the message that takes effect in this cycle, or None if there is none. Also take the next message
+        """Return the message that takes effect in this cycle, or None. Also take the next message
         from the queue.
         """
         self._delayed.append(self._messages.popleft() if self._messages else None)

@@ -198,7 +198,7 @@ class Ft300:
         return None
 
     def _frame(self) -> bytes | None:
-        """Return the next complete request, even if its checksum is invalid; None if there is none."""
+        """Return the next complete request, even if its checksum is invalid, or None."""
         begin = self._question.find(SLAVE)
         self._question = self._question[begin:] if begin >= 0 else b""
         size = request_size(self._question)

@@ -57,7 +57,7 @@ class RsiController:
         self._faults = OwnFaults()
         self._out: list[bytes] = []
         self.error = ""
-        """Error that ended RSI; empty if there is none."""
+        """Error that ended RSI, or an empty string."""
         self.discarded: Counter[str] = Counter()
         """Number of discarded answers by reason."""
         self._answers = 0

@@ -167,7 +167,7 @@ def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
 
 
 def reachable_start(arm: Arm, start: Pose, tool: Pose) -> Vector | None:
-    """Return a position for the tool, m, that the arm can hold in this orientation; None if there is none.
+    """Return a position for the tool, m, that the arm can hold in this orientation, or None.
 
     The position is towards the base at the same height, with room for a path around it. `tool` is the tool in the
     flange frame.

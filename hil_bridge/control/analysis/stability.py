@@ -129,9 +129,9 @@ class Margins:
     phase_margin_deg: float
     """Phase margin at the frequency where the gain is 1, degrees; inf if the gain is nowhere 1."""
     phase_crossover_rad_s: float
-    """Frequency at which the phase is −180° and the loop would oscillate, rad/s; NaN if there is none."""
+    """Frequency at which the phase is −180° and the loop would oscillate, rad/s, or NaN."""
     gain_crossover_rad_s: float
-    """Frequency at which the gain is 1, rad/s; NaN if there is none."""
+    """Frequency at which the gain is 1, rad/s, or NaN."""
 
     @property
     def stable(self) -> bool:

@@ -104,7 +104,7 @@ class _Direction:
     open: bool = False
     """Whether a message has begun but its EOT has not arrived."""
     further: int | None = None
-    """Function of a telegram that continues in another block; None if there is none."""
+    """Function of a telegram that continues in another block, or None."""
 
 
 class LinkMonitor:

@@ -102,7 +102,7 @@ async def probe(
     on_try: Callable[[Try, Outcome], object],
     on_message: Callable[[str], object],
 ) -> Finding | None:
-    """Return the settings with which the robot at a URL answers, or None if there are none.
+    """Return the settings with which the robot at a URL answers, or None.
 
     `on_try` is called after each try, `on_message` with unsolicited messages of the robot. Raises ConfigError for
     an invalid URL, TransportUnavailable if the wire cannot be opened at all, TransportError if it breaks.

@@ -66,7 +66,7 @@ class RepeatJob:
     done: Done
     job: Job
     recording: Path | None = None
-    """Old recording of the run, with which every cycle is compared; None if there is none."""
+    """Old recording of the run, with which every cycle is compared, or None."""
     save: Path | None = None
     """Path for the new recording; None to save none."""
 

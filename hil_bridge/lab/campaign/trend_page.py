@@ -15,7 +15,7 @@ from hil_bridge.show.report.markup import across, cells, fold, prose, table
 SERIES_MOST = 8
 """Maximum number of cells in a chart. Chosen: the number of distinguishable colours."""
 CHARTS_MOST = 12
-"""Maximum number of charts of figures, most significant first. Chosen: nobody scrolls further."""
+"""Maximum number of charts of figures, most significant first. Chosen: the table has the other figures."""
 FIGURES_MOST = 30
 """Maximum number of figures in the text, most significant first. Chosen: one screen."""
 FIRST_FIGURES = 8

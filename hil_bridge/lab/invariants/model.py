@@ -65,7 +65,7 @@ class GuardStep(NamedTuple):
     shown: str
     """Phase of the cycle that records the transition; empty if no cycle records it."""
     way: Way | None
-    """Direction of the order; None if there is none."""
+    """Direction of the order, or None."""
     after: GuardState
 
 

@@ -92,7 +92,7 @@ class Search:
 
     @property
     def best(self) -> Evaluation | None:
-        """Best feasible point so far; None if there is none."""
+        """Best feasible point so far, or None."""
         feasible = [one for one in self.finals or self.tried if one.feasible]
         return min(feasible, key=lambda one: one.score, default=None)
 

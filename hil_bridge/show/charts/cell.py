@@ -131,7 +131,7 @@ def _path(recording: Recording, zero: float, start: Sequence[float]) -> Array | 
 
 
 def _last_contact(recording: Recording, zero: float) -> float | None:
-    """Return the time of the last cycle that pressed, s; None if there is none, which stands for the end."""
+    """Return the time of the last cycle that pressed, s, or None, which stands for the end."""
     for cycle in reversed(recording.cycles):
         if cycle.phase == TRACK and cycle.in_contact and math.isfinite(cycle.controlled_at):
             return round(cycle.controlled_at - zero, 3)

@@ -1,7 +1,7 @@
 """Emulated FANUC controller with Stream Motion and the Remote Motion Interface, and its arm.
 
 In each cycle it takes a set point from its buffer, moves the arm, and sends a report. It sends reports from the start
-packet until a stop packet, whoever sends it, also while its TP program does not run.
+packet until a stop packet from any peer, also while its TP program does not run.
 """
 
 import math

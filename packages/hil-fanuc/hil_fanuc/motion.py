@@ -15,7 +15,7 @@ from protocol.geometry import Pose, normalise
 
 
 class Drive(Enum):
-    """What the drives do in a cycle."""
+    """Action of the drives in a cycle."""
 
     FOLLOW = auto()
     """The loops follow the set points."""

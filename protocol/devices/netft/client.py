@@ -53,7 +53,7 @@ class NetFtClient(Outbox[bytes]):
         self._configuration: Configuration | None = None
         self._page_failure = "no answer"
         self._due: float | None = now + profile.page_patience_s
-        """End of the current time-out, s; None if there is none."""
+        """End of the current time-out, s, or None."""
         self._step = 1
         """Number of internal samples between two records."""
         self._requests = 0

@@ -81,7 +81,7 @@ class Types(NamedTuple):
     """Response to a list of names."""
 
     recipe: int
-    """Number of the accepted recipe; 0 if there is none."""
+    """Number of the accepted recipe, or 0."""
     types: tuple[str, ...]
     """Type of each name, or `NOT_FOUND` or `IN_USE` instead."""
 

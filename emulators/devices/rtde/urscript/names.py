@@ -87,7 +87,7 @@ class Code:
         return hops, code.slots[name]
 
     def find_function(self, name: str) -> "Code | None":
-        """Return the function with this name that is visible here; None if there is none."""
+        """Return the function with this name that is visible here, or None."""
         code: Code | None = self
         while code is not None and name not in code.functions:
             code = code.parent

@@ -51,7 +51,7 @@ class Procedure:
         self.tag: int | None = None
         """Tag of the request whose response is awaited."""
         self.wake_at: float | None = None
-        """End of the current pause, s; None if there is none."""
+        """End of the current pause, s, or None."""
         self.answer_by: float | None = None
         """End of the time-out for the response, s; None if no response is awaited."""
 

@@ -24,7 +24,7 @@ class Sampling:
     def end(self) -> None:
         """Stop expecting samples."""
         self.tag: int | None = None
-        """Tag of the request for samples; None if there is none."""
+        """Tag of the request for samples, or None."""
         self.head: bytes | None = None
         """Header of every delivery of the stream, or of the response to a poll."""
         self.waits = False

@@ -34,7 +34,7 @@ class Shared:
         self.now = 0.0
         """Time of the current call, s."""
         self.deadline: float | None = None
-        """Time-out of the current state, s; None if there is none."""
+        """Time-out of the current state, s, or None."""
         self.out = bytearray()
         """Bytes to send that have not been taken yet."""
         self.noise = 0

@@ -78,11 +78,11 @@ class OrderBook:
         return definition
 
     def of_function(self, function: int) -> OrderDefinition | None:
-        """Return the order with this function code, including the site's extension; None if there is none."""
+        """Return the order with this function code, including the site's extension, or None."""
         return self._by_function.get(function)
 
     def extension_of(self, function: int) -> OrderDefinition | None:
-        """Return the site's extension of a known order, with only its additional fields; None if there is none."""
+        """Return the site's extension of a known order, with only its additional fields, or None."""
         return self._extensions.get(function)
 
     def payloads_of(self, function: int, type_: int) -> tuple[Payload, ...]:
