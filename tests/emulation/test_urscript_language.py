@@ -1,48 +1,19 @@
 """Tests of URScript texts and their effects, without a moving arm."""
 
 import math
-from collections.abc import Callable
 
 import pytest
 
-from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.script_host import ControllerHost
 from emulators.devices.rtde.urscript import (
     FUNCTIONS,
-    Machine,
     Message,
     ScriptSyntaxError,
     compile_in_steps,
     compile_program,
 )
 from emulators.devices.rtde.urscript.table import Support
-from emulators.seams import StartPose
 from protocol.devices.rtde.program import force_program_text, program_text
-from tests.emulation.exact_arm import EXACT
-
-START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-
-
-class ProgramTrial:
-    """Program, and the controller on which it plays."""
-
-    def __init__(self, text: str, steps: int = 20_000) -> None:
-        self.controller = Controller(EXACT, START, 100.25, 7)
-        self.machine = Machine(compile_program(text, FUNCTIONS), ControllerHost(self.controller), steps)
-
-    def play(self, cycles: int) -> int:
-        """Return the cycle in which it ends, or -1."""
-        return next((number for number in range(cycles) if not self.machine.cycle()), -1)
-
-    def messages(self, kind: Message = Message.TEXT) -> list[str]:
-        return [str(saying) for saying in self.controller.console.program_messages if saying.message == kind]
-
-
-def output_of(text: str, cycles: int = 50) -> list[str]:
-    trial = ProgramTrial(text)
-    assert trial.play(cycles) >= 0
-    assert trial.messages(Message.RUNTIME) == []
-    return trial.messages()
+from tests.emulation.urscript_trial import ProgramTrial, output_of, program
 
 
 def failure(text: str, cycles: int = 50) -> str:
@@ -50,10 +21,6 @@ def failure(text: str, cycles: int = 50) -> str:
     assert trial.play(cycles) >= 0
     (message,) = trial.messages(Message.RUNTIME)
     return message
-
-
-def program(body: str) -> str:
-    return "def mine():\n" + "".join(f"  {line}\n" for line in body.splitlines()) + "end\n"
 
 
 VALUES = {
@@ -452,80 +419,6 @@ def test_tables_describe_support_of_functions() -> None:
     assert supports.count(Support.MODELLED) > 100
     assert supports.count(Support.TAGGED) > 50
     assert FUNCTIONS["movel"].signature == "movel(pose, a=1.2, v=0.25, t=0, r=0)"
-
-
-# --- sockets
-
-
-class Line:
-    """Connection whose other end is a test."""
-
-    opening, open = False, True
-
-    def __init__(self) -> None:
-        self.came, self.sent = b"", b""
-
-    def take(self, count: int) -> bytes | None:
-        if len(self.came) < count:
-            return None
-        data, self.came = self.came[:count], self.came[count:]
-        return data
-
-    def take_until(self, end: bytes) -> bytes | None:
-        at = self.came.find(end)
-        if at < 0 or not self.came:
-            return None
-        return self.take(at + len(end) if end else len(self.came))
-
-    def send(self, data: bytes) -> bool:
-        self.sent += data
-        return True
-
-    def hang_up(self) -> None:
-        self.open = False
-
-
-def test_program_reads_and_writes_socket() -> None:
-    trial = ProgramTrial(
-        program(
-            'textmsg(socket_open("10.0.0.1", 50001, "pc"))\nsocket_send_string("hello", "pc")\n'
-            'socket_send_int(7, "pc")\ntextmsg(socket_read_binary_integer(2, "pc", 0.01))\n'
-            'textmsg(socket_read_binary_integer(1, "pc", 0.01))\ntextmsg(socket_read_line("pc"))\n'
-            'textmsg(socket_read_ascii_float(2, "pc"))\nsocket_close("pc")\ntextmsg(socket_send_int(1, "pc"))'
-        )
-    )
-    line = Line()
-    opened: list[tuple[str, int]] = []
-    serve: Callable[[str, int], Line] = lambda address, port: opened.append((address, port)) or line  # type: ignore[func-returns-value] # noqa: E731
-    trial.controller.console.open_socket = serve
-    line.came = b"\x00\x00\x00\x01\xff\xff\xff\xff"
-    assert trial.play(6) == -1
-    line.came += b"word\n(1.5, -2)"
-    assert trial.play(50) >= 0
-    assert opened == [("10.0.0.1", 50001)]
-    assert not line.open
-    assert line.sent == b"hello\x00\x00\x00\x07"
-    assert trial.messages() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
-
-
-def test_server_variable_is_set_and_read() -> None:
-    """An answer of another variable, one that is not a number, and none within two seconds count as 0."""
-    trial = ProgramTrial(
-        program(
-            'socket_open("10.0.0.1", 63352)\nsocket_set_var("POS", 255)\n'
-            + 'textmsg(socket_get_var("POS"))\n' * 4
-        )
-    )
-    line = Line()
-    trial.controller.console.open_socket = lambda address, port: line
-    line.came = b"POS 12\nSTA 3\nPOS many\n"
-    assert trial.play(1100) >= 1000
-    assert line.sent == b"SET POS 255\n" + b"GET POS\n" * 4
-    assert trial.messages() == ["12", "0", "0", "0"]
-
-
-def test_no_socket_opens_without_network() -> None:
-    assert output_of(program('textmsg(socket_open("10.0.0.1", 50001))')) == ["False"]
 
 
 def test_non_finite_numbers_do_not_reach_arm() -> None:

@@ -8,13 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulators.devices.egm.profile import EgmArmProfile
 from protocol.datagram import Datagram
 from protocol.devices.egm import (
-    EgmClient,
     Guidance,
-    JointCheck,
-    JointUnit,
     Motors,
     Place,
     PoseMm,
@@ -27,61 +23,8 @@ from protocol.devices.egm import (
     encode_robot,
 )
 from protocol.geometry import Pose
-from protocol.kinematics import Arm
-from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
-
-T0 = 1000.25
-CYCLE = 0.004
-DOWN = (0.0, 1.0, 0.0, 0.0)
-HERE = PoseMm((600.0, 0.0, 500.0), DOWN)
-STILL = (0.0,) * 6
-
-
-def place(pose: PoseMm | None) -> Place:
-    return Place((0.0,) * 6, pose, (), 1_700_000_000_000_000)
-
-
-def robot_report(number: int, **changes: Any) -> bytes:
-    """A datagram of a guided robot, four milliseconds after the previous one."""
-    message = RobotMessage(
-        number, 1000 + 4 * number, place(HERE), place(HERE), Motors.ON, Guidance.RUNNING, Rapid.RUNNING, False
-    )
-    return encode_robot(message._replace(**changes), RobotWare.RW7)
-
-
-class Conversation:
-    """A client whose reports are answered as by its user: with a target during a movement, otherwise with a hold."""
-
-    def __init__(self, **settings: Any) -> None:
-        self.client = EgmClient(CYCLE, **settings)
-        self.goal: Pose | None = None
-        self.events: list[StreamEvent] = []
-        self.now = T0 - CYCLE
-
-    def receive(self, *data: bytes, now: float | None = None) -> list[SensorMessage]:
-        """Return the answers; by default one cycle after the previous datagram."""
-        self.now = now = self.now + CYCLE if now is None else now
-        self.client.receive(data, now)
-        while (event := self.client.next_event()) is not None:
-            self.events.append(event)
-            if isinstance(event, ReportReceived):
-                if self.goal is None:
-                    self.client.hold(now)
-                else:
-                    self.client.target(self.goal, now)
-        answers = [decode_answer(answer) for answer in self.client.data_to_send(now)]
-        return [answer for answer in answers if isinstance(answer, SensorMessage)]
-
-    def begins(self, pose: Pose) -> None:
-        self.client.begin(pose)
-        self.goal = pose
-
-    @property
-    def reports(self) -> list[RobotReport]:
-        return [event.report for event in self.events if isinstance(event, ReportReceived)]
-
-    def texts(self, kind: type[StreamLost] | type[StreamNotice]) -> list[str]:
-        return [event.text for event in self.events if isinstance(event, kind)]
+from protocol.robot import StreamLost, StreamNotice
+from tests.wire.egm_conversation import CYCLE, DOWN, HERE, STILL, T0, Conversation, place, robot_report
 
 
 def offset_pose(x_mm: float = 0.0, z_mm: float = 0.0) -> Pose:
@@ -471,44 +414,3 @@ def test_invalid_force_is_not_reported(force: tuple[float, ...]) -> None:
     talk = Conversation()
     talk.receive(robot_report(1, force=force, force_control=False))
     assert talk.reports[0].force is None
-
-
-# --- unit of the joints
-
-
-def joint_place(unit: float, tool_mm: float = 150.0) -> Place:
-    """Feedback of the emulated arm at some joints, in degrees times `unit`, and the matching pose."""
-    arm = Arm(EgmArmProfile(), tool_mm * 1e-3)
-    joints = (0.2, 0.1, 0.3, -0.2, 1.1, 0.4)
-    position, quaternion = arm.pose(joints)
-    x, y, z = (part * 1e3 for part in position)
-    degrees = tuple(math.degrees(joint) * unit for joint in joints)
-    return Place(degrees, PoseMm((x, y, z), quaternion), (), 1_700_000_000_000_000)
-
-
-@pytest.mark.parametrize("tool_mm", [0.0, 150.0])
-@pytest.mark.parametrize(("sent", "read"), [("radians", "degrees"), ("degrees", "radians")])
-def test_client_refuses_joints_that_match_the_other_unit(
-    sent: JointUnit, read: JointUnit, tool_mm: float
-) -> None:
-    place = joint_place(math.radians(1.0) if sent == "radians" else 1.0, tool_mm)
-    robot = Conversation(joints=JointCheck(Arm(EgmArmProfile(), 0.0), read))
-    robot.receive(robot_report(1, feedback=place, planned=place))
-    (report,) = robot.reports
-    assert report.fault == f"its joints, read in {read}, contradict its own pose; they match it in {sent}"
-    assert report.remedy == f'set robot.egm.joints_in to "{sent}"'
-    right = Conversation(joints=JointCheck(Arm(EgmArmProfile(), 0.0), sent))
-    right.receive(robot_report(1, feedback=place, planned=place))
-    assert right.reports[0].fault == ""
-
-
-def test_joints_of_an_unknown_arm_or_tool_are_not_refused() -> None:
-    place = joint_place(math.radians(1.0))
-    other = EgmArmProfile(upper_arm_mm=1075.0, forearm_mm=1392.0)
-    robot = Conversation(joints=JointCheck(Arm(other, 0.0), "degrees"))
-    robot.receive(robot_report(1, feedback=place, planned=place))
-    few = place._replace(joints_deg=(0.0,) * 4)
-    robot.receive(robot_report(2, feedback=few, planned=few))
-    nan = place._replace(joints_deg=(math.nan,) * 6)
-    robot.receive(robot_report(3, feedback=nan, planned=nan))
-    assert [report.fault for report in robot.reports] == ["", "", ""]

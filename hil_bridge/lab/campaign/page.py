@@ -39,7 +39,7 @@ from hil_bridge.show.report import write_report
 from hil_bridge.show.report.markup import cells, fold, pairs, prose, setting_cells
 
 WORST = 30
-"""Maximum number of failed runs listed individually, worst first. Chosen: nobody reads more."""
+"""Maximum number of failed runs listed individually, worst first. Chosen: longer lists are rarely read."""
 REPORT_NAME = "report.html"
 HARDEST = 10
 """Maximum number of passed runs listed, largest true force first. Chosen."""

@@ -15,7 +15,7 @@ from hil_bridge.record.analysis.definition import UNKNOWN
 from hil_bridge.record.analysis.figures import FIGURES
 
 FAILING_MOST = 30
-"""Maximum number of failed runs listed in a text. Chosen: nobody reads more."""
+"""Maximum number of failed runs listed in a text. Chosen: longer lists are rarely read."""
 
 
 class Section(NamedTuple):
