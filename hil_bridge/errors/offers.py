@@ -1,6 +1,8 @@
 """Entry points for hil-bridge that installed packages declare, read without importing the packages."""
 
+import json
 import sys
+from collections.abc import Collection
 from functools import lru_cache
 from importlib.metadata import Distribution, EntryPoint, EntryPoints, distributions
 
@@ -66,6 +68,13 @@ def outermost_module(point: EntryPoint) -> str:
 def is_own(point: EntryPoint) -> bool:
     """Return whether an entry point belongs to hil-bridge itself."""
     return outermost_module(point) in OWN
+
+
+def modules_named(texts: Collection[str]) -> tuple[str, ...]:
+    """Return the top-level packages of the plug-ins whose names are strings in one of these JSON texts, sorted."""
+    points = [point for point in offered() if not is_own(point)]
+    named = (point for point in points if any(json.dumps(point.name) in text for text in texts))
+    return tuple(sorted({outermost_module(point) for point in named}))
 
 
 def packages_of_modules() -> dict[str, str]:

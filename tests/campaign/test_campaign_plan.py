@@ -206,3 +206,28 @@ def test_oversized_matrix_is_refused(tmp_path: Path) -> None:
 def test_seeds_not_in_results_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="invalid seeds"):
         seeds_of(text)
+
+
+def test_plan_code_depends_on_source_of_its_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    law = (
+        "from dataclasses import dataclass\nfrom typing import ClassVar\n"
+        "@dataclass(frozen=True)\nclass Steady:\n"
+        "    name: ClassVar[str] = 'steady-law'\n    sample_ms: ClassVar[float] = 4.0\n"
+        "    def initial(self): return None\n"
+        "    def step(self, state, measurement, reference): return None, None\n"
+    )
+    info = tmp_path / "steady-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: steady\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[hil_bridge.controllers]\nsteady-law = steady_module:Steady\n")
+    (tmp_path / "steady_module.py").write_text(law)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    own = read_plan(written(tmp_path, HEAD))
+    plan = read_plan(written(tmp_path, HEAD + '[config.controller]\nname = "steady-law"\n'))
+    assert (own.plugins, plan.plugins) == ((), ("steady_module",))
+    before = plan.code
+    assert own.code == code_version() != before
+    (tmp_path / "steady_module.py").write_text(law + "# changed\n")
+    code_version.cache_clear()
+    assert own.code == code_version()
+    assert plan.code not in (before, own.code)

@@ -144,12 +144,12 @@ def pack(
     bundle cannot be written.
     """
     check_place(path, overwrite)
-    if (code := store.fact("code")) != code_version():
+    plan, runs = store.plan(), list(store.runs())
+    if (code := store.fact("code")) != plan.code:
         raise ConfigError(
-            f"{store.path} has results of version {code}, and this is {code_version()}; pack them with that version, "
+            f"{store.path} has results of version {code}, and this is {plan.code}; pack them with that version, "
             "or run the campaign again"
         )
-    plan, runs = store.plan(), list(store.runs())
     drawn = draw_seeds(plan, runs, count)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -16,7 +16,7 @@ from typing import Any
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.drawing import DRAWN
 from hil_bridge.lab.campaign.judging import Job, carry_out
-from hil_bridge.lab.campaign.plan import Case, Plan, code_version
+from hil_bridge.lab.campaign.plan import Case, Plan
 from hil_bridge.lab.campaign.store import Done, Store, now
 from hil_bridge.lab.optimiser import optimiser
 from hil_bridge.lab.processes import Chunk, as_completed, own_processes
@@ -100,7 +100,7 @@ class Runner:
     def job(self, case: Case, table: str) -> Job:
         """Return the job of a case with `table` as an overlay of its configuration."""
         number = self.plan.cases.index(case)
-        return Job(case.key(code_version(), SEED, table), number, case.config, table, SEED)
+        return Job(case.key(self.plan.code, SEED, table), number, case.config, table, SEED)
 
     def done(self, jobs: Sequence[Job]) -> list[Done]:
         """Return the runs of these jobs, in the order of the jobs. Raises TimeIsUp if time runs out while jobs are

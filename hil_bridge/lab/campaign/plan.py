@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from hil_bridge.errors.offers import modules_named
 from hil_bridge.lab.campaign.criteria import Criterion
 from hil_bridge.lab.campaign.drawing import Draw, Numbers, draw_values, numbers_of
 
@@ -77,6 +78,17 @@ class Plan:
         """Number of runs in the plan."""
         return (self.cases_per_seed or len(self.possible)) * len(self.seeds)
 
+    @cached_property
+    def plugins(self) -> tuple[str, ...]:
+        """Top-level modules of the plug-ins that the runs use, sorted."""
+        draw = () if self.draw is None else (self.draw.text,)
+        return modules_named({*(case.config for case in self.cases), *draw})
+
+    @property
+    def code(self) -> str:
+        """Version of the code that determines the runs, including that of their plug-ins."""
+        return code_version(self.plugins)
+
     @property
     def identity(self) -> str:
         """Hash of the plan without its seeds, which identifies the plan of a results file."""
@@ -119,15 +131,26 @@ def _short(text: str) -> str:
 
 
 @cache
-def code_version() -> str:
-    """Return the version of the package, with a hash of the source of the bridge, the emulators and the protocols."""
+def code_version(plugins: tuple[str, ...] = ()) -> str:
+    """Return the version of the package, with a hash of the source of the bridge, the emulators, the protocols and
+    these top-level modules of plug-ins.
+    """
     digest = hashlib.sha256()
-    for package in ("hil_bridge", "emulators", "protocol"):
-        spec = find_spec(package)
-        for place in (spec.submodule_search_locations or ()) if spec else ():
-            for path in sorted(Path(place).rglob("*.py")):
-                digest.update(str(path.relative_to(place)).encode() + b"\0" + path.read_bytes())
+    for module in ("hil_bridge", "emulators", "protocol", *plugins):
+        for place, path in _sources(module):
+            digest.update(str(path.relative_to(place)).encode() + b"\0" + path.read_bytes())
     return f"{version('hil-bridge')}+{digest.hexdigest()[:12]}"
+
+
+def _sources(module: str) -> Iterator[tuple[Path, Path]]:
+    """Yield the folder and the path of each source file of a top-level module, which is not imported."""
+    spec = find_spec(module)
+    if spec is None:
+        return
+    for place in map(Path, spec.submodule_search_locations or ()):
+        yield from ((place, path) for path in sorted(place.rglob("*.py")))
+    if not spec.submodule_search_locations and spec.has_location and spec.origin:
+        yield Path(spec.origin).parent, Path(spec.origin)
 
 
 def seeds_of(text: str) -> tuple[int, ...]:

@@ -19,7 +19,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, refuse_other_kinds
 from hil_bridge.lab.campaign.criteria import Criterion, Figures
 from hil_bridge.lab.campaign.drawing import Draw
-from hil_bridge.lab.campaign.plan import Case, Plan, code_version
+from hil_bridge.lab.campaign.plan import Case, Plan
 
 FORMAT = "hil-bridge campaign 2"
 """Format identifier of the results file."""
@@ -148,7 +148,7 @@ class Store:
             "format": FORMAT,
             "name": plan.name,
             "identity": plan.identity,
-            "code": code_version(),
+            "code": plan.code,
             "begun": now(),
             "platform": f"Python {python_version()}, {platform()}",
             "seeds": json.dumps(plan.seeds),
@@ -192,7 +192,7 @@ class Store:
         self._check_format()
         for name, mine, what in (
             ("identity", plan.identity, "another plan, with other matrix, faults, settings or criteria"),
-            ("code", code_version(), "results of another version of the code"),
+            ("code", plan.code, "results of another version of the code, or of a plug-in"),
         ):
             if self.fact(name) != mine:
                 raise ConfigError(f"{self.path} contains {what}; give a new file with --output")
@@ -228,7 +228,7 @@ class Store:
 
     def put(self, done: Sequence[Done], cases: Sequence[Case]) -> None:
         """Store runs, either all or none of them. A run that is already stored is left unchanged."""
-        code = code_version()
+        code = self.fact("code")
         rows = [
             (
                 run.key, run.number, cases[run.number].config_hash, code, run.table,

@@ -24,7 +24,7 @@ that failed.
 
 def missing(plan: Plan, store: Store) -> list[Job]:
     """Return the runs of the plan that are not stored yet."""
-    code, stored = code_version(), store.keys()
+    code, stored = plan.code, store.keys()
     numbers = {case: number for number, case in enumerate(plan.cases)}
     jobs = (
         Job(case.key(code, seed, table), numbers[case], case.config, table, seed)
@@ -49,9 +49,8 @@ def work(
     """
     began, clock, count, most = now(), time.monotonic(), 0, 1
     here = isinstance(workers, int)
-    todo = partial(
-        _carry_out, criteria=plan.criteria, folder=store.folder if here else None, code=code_version()
-    )
+    folder = store.folder if here else None
+    todo = partial(_carry_out, criteria=plan.criteria, folder=folder, plugins=plan.plugins, code=plan.code)
     try:
         with own_processes(workers, len(jobs)) if isinstance(workers, int) else workers as pool:
             for chunk in as_completed(pool, todo, jobs):
@@ -69,10 +68,13 @@ def work(
             store.add_sitting(began, time.monotonic() - clock, count, most)
 
 
-def _carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None, code: str) -> Done:
-    if code_version() != code:
+def _carry_out(
+    job: Job, criteria: tuple[Criterion, ...], folder: Path | None, plugins: tuple[str, ...], code: str
+) -> Done:
+    if (there := code_version(plugins)) != code:
+        names = " and ".join(("hil-bridge", *plugins))
         raise BridgeError(
-            f"a worker has hil-bridge {code_version()}, this computer {code}; install the same version there"
+            f"a worker has {names} {there}, this computer {code}; install the same version there"
         )
     return carry_out(job, criteria, folder)
 

@@ -36,7 +36,6 @@ def rerun(
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.judging import configure_run, run
     from hil_bridge.lab.campaign.orders import describe_order
-    from hil_bridge.lab.campaign.plan import code_version
     from hil_bridge.lab.campaign.repeating import compare_run, repeat_of, select_runs
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.record.files import check_record_path
@@ -44,7 +43,7 @@ def rerun(
     folder, repeated = out or Path(), []
     with Store.open(results) as store:
         plan, chosen = store.plan(), select_runs(store, key, seed)
-        same_code = store.fact("code") == code_version()
+        same_code = store.fact("code") == plan.code
         if not same_code and not as_json:
             click.echo("the results are from another version of the code; figures may differ", err=True)
         for done in chosen:
