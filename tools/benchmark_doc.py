@@ -10,10 +10,12 @@ import statistics
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.digest import runs_by_case, tally_of, values_of
+from hil_bridge.lab.campaign.plan import PrimaryFigure
+from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.significance import median_interval
 from hil_bridge.record.analysis.definition import UNKNOWN
@@ -27,30 +29,8 @@ UR10E = "UR10e and its published figures"
 """Name of the campaign of the emulated UR10e."""
 
 
-class Column(NamedTuple):
-    """Figure of one case as a column of the table of results."""
-
-    title: str
-    case: str
-    figure: str
-
-
-_STEP, _OSCILLATION = (
-    "case step 20 kN/m",
-    "surface: swings (mm 0.2, period_s 1.0, after_s 4.0, for_s 6.0) track",
-)
-COLUMNS = (
-    Column("touch 10 mm/s, peak", "case touch 20 kN/m 10 mm/s", "touch_peak_n"),
-    Column("its settling", "case touch 20 kN/m 10 mm/s", "settle_s"),
-    Column("step, settling", _STEP, "step_settle_s"),
-    Column("its overshoot", _STEP, "step_overshoot_percent"),
-    Column("smallest step", "case small steps 20 kN/m", "smallest_step_n"),
-    Column("ramp, lag", "case ramp 2 N/s 20 kN/m", "ramp_lag_s"),
-    Column("sine 0.5 Hz, ratio", "case sine 0.5 Hz 20 kN/m", "sine_gain"),
-    Column("its phase", "case sine 0.5 Hz 20 kN/m", "sine_phase_deg"),
-    Column("sine-shaped track, error", "case track sine 3 mm 20 kN/m", "track_error_mean_n"),
-    Column("surface 1 Hz", f"surface 20 kN/m; {_OSCILLATION}", "disturbance_n_mm"),
-)
+COLUMNS = [one for name in ("force", "moved") for one in read_plan(CAMPAIGNS / f"{name}.toml").primary]
+"""Columns of the table of results: the primary figures of the campaigns."""
 COMPARED = (
     "settle_10n_s",
     "touch_error_mean_n",
@@ -120,7 +100,7 @@ def results_table(figures: Mapping[str, Any]) -> str:
     )
 
 
-def _cell(cases: Mapping[str, Any], column: Column) -> str:
+def _cell(cases: Mapping[str, Any], column: PrimaryFigure) -> str:
     values = cases.get(column.case, {}).get(column.figure)
     return UNKNOWN if values is None else _text(column.figure, values)
 

@@ -137,7 +137,7 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
 def test_page_draws_worst_run_from_its_recording(results: Path, tmp_path: Path) -> None:
     with Store.open(results) as store:
         plain, text = page(store), page(store, tmp_path / "page.html")
-        key, recording = store.fact("worst"), worst_first(store.runs())[0].recording
+        key, recording = store.fact("worst"), worst_first(store.plan().criteria, store.runs())[0].recording
         times = cell_picture(read(store.folder / recording))["rows"]["cycle"]["x"]
     assert key == "", "a campaign is no hunt"
     assert "data-cell=" not in plain
@@ -161,7 +161,7 @@ def test_page_repeats_hardest_run_without_recording(results: Path, tmp_path: Pat
     for path in (passed, altered, slow):
         with Store.open(path) as store:
             texts.append(page(store, tmp_path / "page.html"))
-    assert "Every run met every criterion; the largest true force was" in texts[0]
+    assert "So far, every run met every criterion; the largest true force was" in texts[0]
     assert "The run was repeated for this picture; all figures are the same." in texts[0]
     assert "The run was repeated for this picture; figures that differ from the results: 1." in texts[1]
     assert "data-cell=" not in texts[2], "a run of 99 s is not repeated for a picture"

@@ -9,8 +9,10 @@ import pytest
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, find_unmet
+from hil_bridge.lab.campaign.digest import worst_first
 from hil_bridge.lab.campaign.plan import code_version, seeds_of
 from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
+from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import meaning_rows
 from tools.pages import placed, table
 
@@ -206,6 +208,44 @@ def test_oversized_matrix_is_refused(tmp_path: Path) -> None:
 def test_seeds_not_in_results_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="invalid seeds"):
         seeds_of(text)
+
+
+def test_plan_reads_primary_figures(tmp_path: Path) -> None:
+    matrix = "[campaign.matrix]\ntask.force_n = [8.0, 10.0]\n"
+    primary = '[[campaign.primary]]\ntitle = "step"\ncase = "{}"\nfigure = "{}"\n'
+    text = HEAD + matrix + primary
+    plan = read_plan(written(tmp_path, text.format("task.force_n 8.0", "step_settle_s")))
+    (one,) = plan.primary
+    assert (one.title, one.case, one.figure) == ("step", "task.force_n 8.0", "step_settle_s")
+    with Store.begin(tmp_path / "study.sqlite", plan) as store:
+        assert store.plan().primary == plan.primary
+    for case, figure, message in (
+        ("task.force_n 9.0", "step_settle_s", "'task.force_n 9.0' is not the label of a case"),
+        ("task.force_n 8.0", "outcome", "'outcome' is not a number of a run"),
+    ):
+        with pytest.raises(PlanErrors, match=message):
+            read_plan(written(tmp_path, text.format(case, figure)))
+    with pytest.raises(PlanErrors, match="must be tables with title, case and figure"):
+        read_plan(written(tmp_path, HEAD + '[[campaign.primary]]\ntitle = "step"\n'))
+
+
+def test_failed_runs_begin_with_largest_excess() -> None:
+    criteria = (Criterion("rms_error_n", {"below": 1.5}), Criterion("retracted", True))
+    runs = [
+        Done(
+            f"{rms}",
+            0,
+            1,
+            "completed",
+            "",
+            ("rms",),
+            {"rms_error_n": rms, "force_true_max_n": force},
+            1.0,
+            "",
+        )
+        for rms, force in ((2.53, 30.0), (2.79, 20.0), (1.6, 90.0))
+    ]
+    assert [run.key for run in worst_first(criteria, runs)] == ["2.79", "2.53", "1.6"]
 
 
 def test_plan_code_depends_on_source_of_its_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -66,6 +66,13 @@ def trend(*paths: Path) -> Trend:
             store.close()
 
 
+def with_primary(results: Path, path: Path, *keys: str) -> Path:
+    """Return a copy of results whose campaign has these figures of its first case as primary figures."""
+    figures = [{"title": f"the {key}", "case": "task.force_n 8.0", "figure": key} for key in keys]
+    sql = f"INSERT OR REPLACE INTO facts VALUES ('primary', '{json.dumps(figures)}')"
+    return changed(results, path, sql)
+
+
 @pytest.fixture(scope="module")
 def before(short_results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made(short_results, tmp_path_factory.mktemp("trend") / "before.sqlite")
@@ -131,6 +138,43 @@ def test_changed_figure_is_judged_by_its_good_direction(
     assert row.change is change
 
 
+def test_primary_figures_are_tested_among_themselves(
+    short_results: Path, before: Path, tmp_path: Path
+) -> None:
+    after = made(short_results, tmp_path / "made.sqlite", 2.0)
+    plain = trend(before, after).figures[0]
+    result = trend(before, with_primary(after, tmp_path / "after.sqlite", "cycles", "force_true_max_n"))
+    first, second = result.primary
+    assert (first.figure, first.label, first.medians) == ("cycles", "the cycles", (100.0, 100.0))
+    assert (second.probability, second.change) == (plain.probability, Change.WORSE)
+    assert second.adjusted == 2.0 * (plain.probability or 0.0)
+    assert result.figures == ()
+    assert result.worse
+    text = trend_page(result)
+    assert "<h2>Primary figures, medians</h2>" in text
+    assert "Course over the results" not in text
+    assert [line.split("  ")[0] for line in trend_lines(result)][-2:] == [
+        "the cycles",
+        "the force_true_max_n",
+    ]
+
+
+@pytest.mark.parametrize(("seeds", "needed"), [(1, 5), (4, 5), (5, 0), (12, 0)])
+def test_trend_names_number_of_runs_that_tests_need(
+    short_results: Path, before: Path, tmp_path: Path, seeds: int, needed: int
+) -> None:
+    """Two figures can differ significantly with five runs: 2 · 2/252 < 0.05 < 2 · 2/70."""
+    made(short_results, tmp_path / "made.sqlite", 2.0)
+    few = f"DELETE FROM runs WHERE seed >= {seeds}"
+    left = changed(before, tmp_path / "left.sqlite", few)
+    right = changed(tmp_path / "made.sqlite", tmp_path / "few.sqlite", few)
+    result = trend(left, with_primary(right, tmp_path / "right.sqlite", "cycles", "force_true_max_n"))
+    assert result.runs_needed == needed
+    assert ("too few runs" in trend_page(result)) == (needed > 0)
+    assert (f"from {needed} seeds on" in point(result)) == (needed > 0)
+    assert result.worse == (needed == 0)
+
+
 def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp_path: Path) -> None:
     middle = made(short_results, tmp_path / "middle.sqlite", 1.0, [1])
     result = trend(before, middle, made(short_results, tmp_path / "after.sqlite", 2.0, range(9)))
@@ -143,7 +187,7 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
     assert force.series[0].colour == passed.series[0].colour
     text = trend_page(result)
     assert "3 campaigns compared" in text
-    assert '<span class="badge bad">2 worse, 0 better</span>' in text
+    assert '<span class="badge bad">2 significantly worse, 0 better</span>' in text
     counts = (("before", "12/12"), ("middle", "11/12"), ("after", "3/12"))
     assert "".join(f'<td class="count" data-title="{name}">{count}</td>' for name, count in counts) in text
     assert point(result) == (

@@ -30,13 +30,6 @@ def test_benchmark_cases_are_possible_on_every_robot(robot: str, sensor: str) ->
         assert len(plan.possible) == cases
 
 
-def test_columns_of_results_name_cases_of_campaigns(tool: dict[str, Any]) -> None:
-    cells = {case.cell for case in read_plan(FOLDER / "force.toml").cases}
-    cells |= {f"{one.cell}; {one.fault} {one.phase}" for one in read_plan(FOLDER / "moved.toml").cases}
-    assert {column.case for column in tool["COLUMNS"]} <= cells
-    assert {column.figure for column in tool["COLUMNS"]} <= {*FIGURES}
-
-
 def test_published_figures_have_keys_of_table(tool: dict[str, Any]) -> None:
     with (FOLDER / "measured-robots.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

@@ -181,7 +181,7 @@ def _add_failing(folder: Path, store: Store, runs: Iterable[Done]) -> int:
     """Add the recordings of failed runs, worst first; return the number of recordings that did not fit."""
     size = sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
     count, left_out = sum(1 for _ in folder.rglob("*")), 0
-    for done in worst_first(runs):
+    for done in worst_first(store.plan().criteria, runs):
         name = f"{done.key}.mcap"
         source, target = store.folder / name, folder / RECORDINGS / name
         if done.recording != name or target.exists() or not source.is_file():

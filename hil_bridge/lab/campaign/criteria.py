@@ -72,6 +72,18 @@ class Criterion:
             case other:
                 return bool(value == other)
 
+    def excess(self, figures: Figures) -> float:
+        """Return how far the figure of a run is beyond the farthest bound that it does not meet, as a share of the
+        bound; 0 if the criterion is met or has no bound.
+        """
+        value = figures.get(self.figure)
+        if self.judge(figures) is not False or not isinstance(value, (int, float)):
+            return 0.0
+        unmet = (
+            limit for name, limit in self.limits.items() if name in BOUNDS and not BOUNDS[name](value, limit)
+        )
+        return max((abs(value - limit) / (abs(limit) or 1.0) for limit in unmet), default=0.0)
+
     @property
     def limits(self) -> Mapping[str, float]:
         """Bounds of the figure by keyword; empty for a figure without bounds."""

@@ -11,14 +11,12 @@ from typing import TypeAlias
 
 from msgspec import Struct
 
-from hil_bridge.lab.campaign.criteria import Unmet, unmet_of, value_text
-from hil_bridge.lab.campaign.plan import NO_FAULT, Case, Plan
+from hil_bridge.lab.campaign.criteria import Criterion, Unmet, unmet_of, value_text
+from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import JUDGED, WORDS
 
-CASES_LISTED = 100
-"""Maximum number of cases for which figures are listed by fault, and not only by cell. Chosen: a readable table."""
 _Spread: TypeAlias = tuple[float | None, float | None, float | None, float | None, float | None]
 """Least value, median, largest value, mean and standard deviation."""
 _NO_SPREAD: _Spread = None, None, None, None, None
@@ -119,6 +117,8 @@ class Digest(Struct, frozen=True):
     facts: Mapping[str, str]
     cases: tuple[CaseResult, ...]
     criteria: tuple[CriterionResult, ...]
+    primary: tuple[FigureResult, ...]
+    """Results of the plan's primary figures."""
     figures: tuple[FigureResult, ...]
     failing: tuple[FailedRun, ...]
 
@@ -126,6 +126,7 @@ class Digest(Struct, frozen=True):
 def digest_of(store: Store) -> Digest:
     """Summarise the runs stored so far. Raises ConfigError for a damaged file."""
     plan, runs = store.plan(), list(store.runs())
+    figures = tuple(figure_results(plan, runs))
     return Digest(
         plan.name,
         store.path.name,
@@ -134,8 +135,9 @@ def digest_of(store: Store) -> Digest:
         dict(facts_of(store, plan, runs)),
         tuple(case_results(plan, runs)),
         tuple(criterion_results(plan, runs)),
-        tuple(figure_results(plan, runs)),
-        tuple(_failed(plan, run) for run in worst_first(runs)),
+        primary_results(plan, figures),
+        figures,
+        tuple(_failed(plan, run) for run in worst_first(plan.criteria, runs)),
     )
 
 
@@ -215,6 +217,13 @@ def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
                 yield FigureResult(key, case, len(values), len(values) - len(known), *spread, bounds=bounds)
 
 
+def primary_results(plan: Plan, figures: Iterable[FigureResult]) -> tuple[FigureResult, ...]:
+    """Return the results of the plan's primary figures, in their order."""
+    results = {(one.figure, one.cell): one for one in figures}
+    keys = ((one.figure, one.case) for one in plan.primary)
+    return tuple(results[key] for key in keys if key in results)
+
+
 def _spread(values: Sequence[float]) -> _Spread:
     """Return the spread of values in ascending order."""
     deviation = statistics.stdev(values) if len(values) > 1 else None
@@ -222,27 +231,21 @@ def _spread(values: Sequence[float]) -> _Spread:
 
 
 def runs_by_case(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
-    """Group runs by cell and fault, in the order of the plan; only by cell if the plan has one fault or very many
-    cases.
-    """
-    if len({(case.fault, case.phase) for case in plan.cases}) == 1 or len(plan.cases) > CASES_LISTED:
-        return runs_by_cell(plan, runs)
-    by_case: dict[str, list[Done]] = {_case_label(case): [] for case in plan.cases}
-    for run in runs:
-        by_case[_case_label(plan.cases[run.number])].append(run)
-    return {label: of_case for label, of_case in by_case.items() if of_case}
-
-
-def _case_label(case: Case) -> str:
-    return case.cell if case.fault == NO_FAULT else f"{case.cell}; {case.fault} {case.phase}".rstrip()
+    """Group runs by the label of their case, in the order of the plan; cases without runs are left out."""
+    return _grouped(plan.labels, runs)
 
 
 def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
     """Group runs by cell of the matrix, in the order of the plan; cells without runs are left out."""
-    by_cell: dict[str, list[Done]] = {case.cell: [] for case in plan.cases}
+    return _grouped([case.cell for case in plan.cases], runs)
+
+
+def _grouped(labels: Sequence[str], runs: Iterable[Done]) -> dict[str, list[Done]]:
+    """Group runs by the label of the case with their number."""
+    groups: dict[str, list[Done]] = {label: [] for label in labels}
     for run in runs:
-        by_cell[plan.cases[run.number].cell].append(run)
-    return {cell: of_cell for cell, of_cell in by_cell.items() if of_cell}
+        groups[labels[run.number]].append(run)
+    return {label: group for label, group in groups.items() if group}
 
 
 def values_of(key: str, runs: Iterable[Done]) -> list[float]:
@@ -262,10 +265,16 @@ def true_force_text(plan: Plan, run: Done) -> str:
     return value_text("force_true_max_n", true_force(run), plan.criteria)
 
 
-def worst_first(runs: Iterable[Done]) -> list[Done]:
-    """Return the failed runs, worst first: bugs, then by number of unmet criteria, then by true force."""
-    failed = [run for run in runs if not run.passed]
-    return sorted(failed, key=lambda run: (run.outcome != "error", -len(run.failed), -true_force(run)))
+def worst_first(criteria: Sequence[Criterion], runs: Iterable[Done]) -> list[Done]:
+    """Return the failed runs, worst first: bugs, then by number of unmet criteria, by the largest relative distance
+    from a bound, and by true force.
+    """
+
+    def rank(run: Done) -> tuple[bool, int, float, float]:
+        excess = max((one.excess(run.figures) for one in criteria), default=0.0)
+        return run.outcome != "error", -len(run.failed), -excess, -true_force(run)
+
+    return sorted((run for run in runs if not run.passed), key=rank)
 
 
 def unmet_by(plan: Plan, run: Done) -> tuple[Unmet, ...]:

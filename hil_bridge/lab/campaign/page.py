@@ -12,10 +12,12 @@ from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.digest import (
+    FigureResult,
     Tally,
     criterion_results,
     facts_of,
     figure_results,
+    primary_results,
     tally_of,
     true_force,
     true_force_text,
@@ -65,7 +67,7 @@ def write_reports(store: Store) -> int:
     An existing report is kept. A recording that this version can no longer read is skipped.
     """
     written = 0
-    for run in worst_first(store.runs())[:WORST]:
+    for run in worst_first(store.plan().criteria, store.runs())[:WORST]:
         place, recording = report_place(store, run), store.folder / run.recording
         if not run.recording or place.exists() or not recording.is_file():
             continue
@@ -99,22 +101,24 @@ class PageBody:
         plan, runs = store.plan(), list(store.runs())
         tally, hunted, worst = tally_of(runs), _render_hunt(store, plan), worst_run(store, runs)
         planned = tally.total if hunted else plan.count
-        others = [run for run in worst_first(runs) if worst is None or run.key != worst.key]
+        failed = worst_first(plan.criteria, runs)
+        others = [run for run in failed if worst is None or run.key != worst.key]
+        figures = list(figure_results(plan, runs))
         cell = self._cell(store, worst)
         shortcut = ' <a href="#worst-cell">See the worst run in three dimensions.</a>' if cell else ""
-        return f"""{_head(plan, tally)}
-<p class="point">{prose(point(plan, runs))}{shortcut}</p>
+        return f"""{_head(plan, tally, planned)}
+<p class="point">{prose(point(plan, runs, planned))}{shortcut}</p>
 {_counts(tally, planned)}
 <h2>Each case of the matrix</h2>
 {matrix(plan, runs)}
 <p class="quiet">Runs that passed / runs. A dot is a fault that the cell cannot have, a question mark a case without a
 run.</p>
-{hunted or self._worst(store, plan, worst)}{cell}
+{_primary(plan, figures)}{hunted or self._worst(store, plan, worst)}{cell}
 {fold(self._others(store, plan, others), "more-failed")}
 {_section(criteria_section(criterion_results(plan, runs)), settings=True)}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}
-{fold(_section(figures_section(figure_results(plan, runs))), "figures")}
+{fold(_section(figures_section(figures)), "figures")}
 {fold(_hardest(store, plan, runs), "hardest")}
 {fold(_render_injections(plan, runs), "injections")}
 {fold(f"<h2>How runs ended</h2>{_endings(runs)}", "endings")}
@@ -199,14 +203,23 @@ run.</p>
         return self._reasons[run.key]
 
 
-def point(plan: Plan, runs: Sequence[Done]) -> str:
-    """Return in one sentence what the runs show, with the criterion that most failed runs missed."""
+def _primary(plan: Plan, figures: Sequence[FigureResult]) -> str:
+    """Render the primary figures of the plan; empty if it has none."""
+    rows = primary_results(plan, figures)
+    return _section(figures_section(rows, "Primary figures")) if rows else ""
+
+
+def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
+    """Return in one sentence what the runs show, with the criterion that most failed runs missed. `planned` is the
+    number of runs of the complete campaign.
+    """
     if not runs:
         return "No run has been executed yet."
     failed = [run for run in runs if not run.passed]
     if not failed:
         hardest = max(runs, key=true_force)
-        return f"Every run met every criterion; the largest true force was {true_force_text(plan, hardest)}."
+        every = "So far, every run" if len(runs) < planned else "Every run"
+        return f"{every} met every criterion; the largest true force was {true_force_text(plan, hardest)}."
     cases = len({run.number for run in failed})
     where = f"{cases} of {len(plan.possible)} cases have failed runs"
     unmet = max(criterion_results(plan, runs), key=lambda one: one.not_met, default=None)
@@ -217,10 +230,12 @@ def point(plan: Plan, runs: Sequence[Done]) -> str:
     return f"{where}; {share} {of_runs} missed `{unmet.criterion}`."
 
 
-def _head(plan: Plan, tally: Tally) -> str:
+def _head(plan: Plan, tally: Tally, planned: int) -> str:
     """Render name and verdict of the campaign."""
     bad = tally.failed + tally.errors
     style, outcome = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
+    if not bad and tally.total < planned:
+        style, outcome = "plain", f"{tally.total} of {planned} done, none failed"
     if not tally.total:
         style, outcome = "plain", "no run yet"
     return (

@@ -16,7 +16,9 @@ FIRST_PHASE = "connect"
 
 
 def matrix(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render the number of passed runs of each case, with faults as rows and cells of the matrix as columns."""
+    """Render the number of passed runs of each case, with faults as rows and cells of the matrix as columns; with a
+    single fault and more cells than upright headings, the other way round.
+    """
     done = Counter(run.number for run in runs)
     passed = Counter(run.number for run in runs if run.passed)
     cells = list(dict.fromkeys((case.cell, case.head) for case in plan.cases))
@@ -29,6 +31,10 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
             return '<td class="none" title="impossible">·</td>'
         return _counts(passed[number], done[number])
 
+    if len(by_fault) == 1 and len(cells) > UPRIGHT_MOST:
+        ((fault, numbers),) = by_fault.items()
+        rows = "".join(f"<tr><th>{escape(cell)}</th>{field(numbers.get(cell))}</tr>\n" for cell, _ in cells)
+        return _scrolled("matrix few", f"<th>cell</th><th>{escape(fault)}</th>", rows)
     few = len(cells) <= UPRIGHT_MOST
     brief = not few and len({head for _, head in cells}) == len(cells)
     heads = "".join(
@@ -39,8 +45,7 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
         f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell, _ in cells)}</tr>\n"
         for fault, numbers in by_fault.items()
     )
-    style = "matrix few" if few else "matrix"
-    return f'<div class="scroll"><table class="{style}"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
+    return _scrolled("matrix few" if few else "matrix", f"<th>fault and phase</th>{heads}", rows)
 
 
 def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
@@ -70,8 +75,12 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
                 empty.append(f"{name} in {phase}")
         rows.append(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n")
     heads = "".join(f"<th>{escape(phase)}</th>" for phase in phases)
-    table = f'<table class="matrix"><tr><th>fault</th>{heads}</tr>\n{"".join(rows)}</table>'
-    return f'<div class="scroll">{table}</div>', empty
+    return _scrolled("matrix", f"<th>fault</th>{heads}", "".join(rows)), empty
+
+
+def _scrolled(style: str, head: str, rows: str) -> str:
+    """Render a matrix that scrolls sideways."""
+    return f'<div class="scroll"><table class="{style}"><tr>{head}</tr>\n{rows}</table></div>'
 
 
 def _counts(passed: int, done: int) -> str:

@@ -18,6 +18,8 @@ RUNS_LIMIT = 10_000_000
 """Maximum number of runs in a campaign. Chosen: months of computing on one machine."""
 SEED_LIMIT = 2**63 - 1
 """Largest seed, which is the largest integer that the results file can store."""
+CASES_LISTED = 100
+"""Maximum number of cases for which figures are listed by fault, and not only by cell. Chosen: a readable table."""
 NO_FAULT = "none"
 
 
@@ -53,6 +55,17 @@ class Case:
         return _short(json.dumps([self.config, code, table or self.table, self.phase, seed]))
 
 
+@dataclass(frozen=True, slots=True)
+class PrimaryFigure:
+    """Figure of one case by which results are compared first."""
+
+    title: str
+    case: str
+    """Label of the case, as in `Plan.labels`."""
+    figure: str
+    """Key of the figure."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """Complete, checked plan of a campaign."""
@@ -67,6 +80,8 @@ class Plan:
     """Settings and faults drawn for each run; None if nothing is drawn."""
     requirements: tuple[str, ...] = ()
     """Requirements that each run of the campaign verifies."""
+    primary: tuple[PrimaryFigure, ...] = ()
+    """Figures that comparisons begin with, and test separately from all others."""
 
     @cached_property
     def possible(self) -> tuple[Case, ...]:
@@ -77,6 +92,18 @@ class Plan:
     def count(self) -> int:
         """Number of runs in the plan."""
         return (self.cases_per_seed or len(self.possible)) * len(self.seeds)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Label of each case in lists of figures: its cell and its fault; only its cell if the plan has one fault or
+        very many cases.
+        """
+        if len({(case.fault, case.phase) for case in self.cases}) == 1 or len(self.cases) > CASES_LISTED:
+            return tuple(case.cell for case in self.cases)
+        return tuple(
+            case.cell if case.fault == NO_FAULT else f"{case.cell}; {case.fault} {case.phase}".rstrip()
+            for case in self.cases
+        )
 
     @cached_property
     def plugins(self) -> tuple[str, ...]:

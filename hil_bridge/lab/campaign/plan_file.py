@@ -18,7 +18,8 @@ from hil_bridge.lab.campaign.criteria import Criterion, problem_of
 from hil_bridge.lab.campaign.draw_file import draw_of, leaves, try_options
 from hil_bridge.lab.campaign.drawing import DRAWN, Draw
 from hil_bridge.lab.campaign.inputs import pin_policy
-from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
+from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, PrimaryFigure, fault_label
+from hil_bridge.record.analysis.figures import JUDGED, WORDS
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, dump, read_values
@@ -43,6 +44,7 @@ _KEYS = (
     "draw",
     "fault",
     "criteria",
+    "primary",
 )
 
 
@@ -105,6 +107,7 @@ class _PlanReader:
             self._add_problem("campaign.cases_per_seed", f"must be a whole number, got {format_value(share)}")
         criteria = self._criteria(campaign.get("criteria", {}))
         required = self._requirements(campaign.get("requirements", []))
+        primary = self._primary(campaign.get("primary", []))
         base = self._base(campaign.get("config"))
         cells = self._cells(campaign.get("matrix", {}))
         draw = self._draw(campaign)
@@ -118,8 +121,18 @@ class _PlanReader:
                 cases = [replace(case, fault=DRAWN) for case in cases]
         if self._problems:
             raise PlanErrors(self._problems)
-        plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required)
-        if share > len(plan.possible):
+        plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required, primary)
+        self._check_whole(plan)
+        return plan
+
+    def _check_whole(self, plan: Plan) -> None:
+        """Check what concerns the complete plan. Raises PlanErrors."""
+        for place, one in enumerate(plan.primary):
+            if one.case not in plan.labels:
+                self._add_problem(
+                    f"campaign.primary.{place}.case", f"{one.case!r} is not the label of a case"
+                )
+        if plan.cases_per_seed > len(plan.possible):
             self._add_problem(
                 "campaign.cases_per_seed", f"is more than the {len(plan.possible)} cases there are"
             )
@@ -127,7 +140,6 @@ class _PlanReader:
             self._add_problem("campaign", f"makes more than {RUNS_LIMIT} runs")
         if self._problems:
             raise PlanErrors(self._problems)
-        return plan
 
     def _add_problem(self, key: str, text: str) -> None:
         self._problems.append(f"{self._source}: {key} {text}")
@@ -172,6 +184,20 @@ class _PlanReader:
             if (problem := problem_of(figure, allowed)) is not None:
                 self._add_problem(f"campaign.criteria.{figure}", problem)
         return tuple(Criterion(figure, allowed) for figure, allowed in value.items())
+
+    def _primary(self, given: object) -> tuple[PrimaryFigure, ...]:
+        """Read the figures by which results are compared first."""
+        try:
+            figures = msgspec.convert(given, tuple[PrimaryFigure, ...])
+        except msgspec.ValidationError as error:
+            self._add_problem("campaign.primary", f"must be tables with title, case and figure: {error}")
+            return ()
+        for place, one in enumerate(figures):
+            if one.figure not in JUDGED or one.figure in WORDS:
+                self._add_problem(
+                    f"campaign.primary.{place}.figure", f"{one.figure!r} is not a number of a run"
+                )
+        return figures
 
     def _draw(self, campaign: Mapping[str, Any]) -> Draw | None:
         """Read the draws of each run; None if the file has none."""

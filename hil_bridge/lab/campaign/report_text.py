@@ -61,6 +61,8 @@ def sections(digest: Digest) -> Iterator[Section]:
             (f"{left} more did not pass. " if left else "")
             + f"`{rerun_command(digest.results, 'KEY')}` repeats one.",
         )
+    if digest.primary:
+        yield figures_section(digest.primary, "Primary figures")
     yield criteria_section(digest.criteria)
     yield figures_section(digest.figures)
     yield Section("Facts", ("fact", "value"), list(digest.facts.items()))
@@ -96,7 +98,7 @@ def criteria_section(criteria: Iterable[CriterionResult]) -> Section:
     return Section("Criteria", ("criterion", "met", "not met", "not applicable"), rows)
 
 
-def figures_section(figures: Iterable[FigureResult]) -> Section:
+def figures_section(figures: Iterable[FigureResult], title: str = "Figures by cell") -> Section:
     """Return the table of the distribution of each figure in each cell."""
     rows = []
     for one in figures:
@@ -105,7 +107,7 @@ def figures_section(figures: Iterable[FigureResult]) -> Section:
         runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
         rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
     columns = ("figure", "cell", "runs", "least", "median", "largest", "mean", "deviation")
-    return Section("Figures by cell", columns, rows)
+    return Section(title, columns, rows)
 
 
 def _value(result: FigureResult, value: float | None) -> str:

@@ -15,8 +15,12 @@ from hil_bridge.show.pages.svg import number
 
 _COUNT_MOST = 1e6
 """Value below which an integer is displayed with all its digits. Chosen."""
-BINS = 40
-"""Number of bars of a histogram. Chosen."""
+BINS_FEWEST, BINS_MOST = 5, 40
+"""Least and greatest number of bars of a histogram; between them, it is twice the square root of the number of runs.
+Chosen.
+"""
+_NOTHING = 1e-9
+"""Magnitude below which a value is rounding, and is displayed as 0. Chosen."""
 _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
 """Width and height of a histogram, and height of the line of text below it, px. Chosen."""
 
@@ -63,6 +67,7 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
 
 def _number(value: float, bounds: Iterable[float] = ()) -> str:
     """Format a value with three significant digits; a count, exactly."""
+    value = 0.0 if abs(value) < _NOTHING else value
     return (
         number(value, 6)
         if value == round(value) and abs(value) < _COUNT_MOST
@@ -88,6 +93,7 @@ class _Histogram:
         self._high = max([high, *self._near.values()])
         self._span = self._high - self._low or 1.0
         self._key, self._values = key, values
+        self._bins = min(max(math.ceil(2.0 * math.sqrt(len(values))), BINS_FEWEST), BINS_MOST)
         self._room = 18 if self._near else 8
         """Height above the tallest bar, px; the label of a bound needs more."""
 
@@ -109,14 +115,14 @@ class _Histogram:
 
     def _bars(self) -> list[str]:
         """Return the bars from the smallest to the largest value, and the labels at the ends of the axis."""
-        low, span = self._low, self._span
-        counts = Counter(min(int((value - low) / span * BINS), BINS - 1) for value in self._values)
-        top, width = max(counts.values()), _WIDTH / BINS
+        low, span, bins = self._low, self._span, self._bins
+        counts = Counter(min(int((value - low) / span * bins), bins - 1) for value in self._values)
+        top, width = max(counts.values()), _WIDTH / bins
         parts = []
         for place, count in sorted(counts.items()):
             height = max(1.5, (_HEIGHT - self._room) * count / top)
-            first = low + place * span / BINS
-            title = f"{count} runs from {_number(first)} to {_number(first + span / BINS)}"
+            first = low + place * span / bins
+            title = f"{count} runs from {_number(first)} to {_number(first + span / bins)}"
             parts.append(
                 f'<rect x="{place * width:.1f}" y="{_HEIGHT - height:.1f}" width="{width - 1:.1f}"'
                 f' height="{height:.1f}"><title>{title}</title></rect>'

@@ -19,7 +19,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, refuse_other_kinds
 from hil_bridge.lab.campaign.criteria import Criterion, Figures
 from hil_bridge.lab.campaign.drawing import Draw
-from hil_bridge.lab.campaign.plan import Case, Plan
+from hil_bridge.lab.campaign.plan import Case, Plan, PrimaryFigure
 
 FORMAT = "hil-bridge campaign 2"
 """Format identifier of the results file."""
@@ -156,6 +156,7 @@ class Store:
             "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.allowed] for item in plan.criteria]),
             "requirements": json.dumps(plan.requirements),
+            "primary": msgspec.json.encode(plan.primary).decode(),
         }
         rows = [
             (number, case.cell, case.head, case.fault, case.phase, case.config, case.table, case.impossible)
@@ -268,7 +269,8 @@ class Store:
                 raise ValueError(f"{share} cases for each seed")
             draw = Draw.read(text) if (text := self.fact("draw")) else None
             required = msgspec.json.decode(self.fact("requirements") or "[]", type=tuple[str, ...])
-            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required)
+            primary = msgspec.json.decode(self.fact("primary") or "[]", type=tuple[PrimaryFigure, ...])
+            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required, primary)
 
     def seeds(self) -> tuple[int, ...]:
         """Return the current seeds of the campaign, to which a later session may add seeds. Raises ConfigError."""

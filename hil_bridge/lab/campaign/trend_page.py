@@ -31,12 +31,16 @@ _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change
 
 def headline(trend: Trend) -> str:
     """Return the outcome of the comparison as one line."""
-    worse, better = trend.significant
-    outcome = (
-        f"{worse} significantly worse, {better} better" if worse or better else "no significant difference"
-    )
     first, last = trend.results[0].name, trend.results[-1].name
-    return f"{first} → {last}: {outcome} in {len(trend.cells)} cells and {len(trend.figures)} figures that differ"
+    count = len(trend.primary) + len(trend.figures)
+    return f"{first} → {last}: {_outcome(trend)} in {len(trend.cells)} cells and {count} figures"
+
+
+def _outcome(trend: Trend) -> str:
+    worse, better = trend.significant
+    if worse or better:
+        return f"{worse} significantly worse, {better} better"
+    return "too few runs for a significant difference" if trend.runs_needed else "no significant difference"
 
 
 def trend_lines(trend: Trend) -> Iterator[str]:
@@ -48,13 +52,13 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     names = [one.name for one in trend.results]
     yield ""
     yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in _cells(trend)])
-    if trend.figures:
+    columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
+    rows = [] if trend.primary else sorted(trend.figures, key=_significance)
+    if listed := (trend.primary or rows[:FIGURES_MOST]):
         yield ""
-        rows = sorted(trend.figures, key=_significance)
-        columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
-        yield from aligned(columns, [_figure_row(row) for row in rows[:FIGURES_MOST]])
-        if len(rows) > FIGURES_MOST:
-            yield f"and {len(rows) - FIGURES_MOST} more figures, on the page"
+        yield from aligned(columns, [_figure_row(row) for row in listed])
+    if more := len(trend.primary) + len(trend.figures) - len(listed):
+        yield f"and {more} more figures, on the page"
 
 
 def trend_page(trend: Trend) -> str:
@@ -62,7 +66,6 @@ def trend_page(trend: Trend) -> str:
     names = [one.name for one in trend.results]
     worse, better = trend.significant
     style = "bad" if worse else "good" if better else "plain"
-    outcome = f"{worse} worse, {better} better" if worse or better else "no significant difference"
     facts = list(dict.fromkeys(name for one in trend.results for name in one.facts))
     sides = [
         ("passed, failed, errors", *(one.tally.text for one in trend.results)),
@@ -70,17 +73,18 @@ def trend_page(trend: Trend) -> str:
         *((name, *(one.facts.get(name, UNKNOWN) for one in trend.results)) for name in facts),
     ]
     body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
-<span class="badge {style}">{outcome}</span></header>
+<span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
+{_primary_table(trend, names)}
 <h2>Runs that passed, by cell</h2>
 {_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
-<h2>Figures that differ, medians by cell</h2>
+<h2>{"Other figures" if trend.primary else "Figures"} that differ, medians by cell</h2>
 {_figure_tables(trend, names)}
 <p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
 figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
 tests, is below {trend.level:g}. Brackets hold the interval of 95 % of a median, or the range of up to five runs.</p>
 {_setting_table(trend, names)}
-<h2>Course over the results</h2>{room("trend", trend_charts(trend), first=_FIRST_CHARTS)}
+{_course(trend)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
     return document(f"compared: {', '.join(names)}", body)
 
@@ -101,20 +105,39 @@ def point(trend: Trend) -> str:
 
 def _strongest(trend: Trend) -> str:
     """Describe the most significant change of a cell or figure in one sentence; if none is significant, the nearest."""
-    changes: list[CellChange | FigureChange] = [*trend.cells, *trend.figures]
+    changes: list[CellChange | FigureChange] = [*trend.cells, *trend.primary, *trend.figures]
     tested = [row for row in changes if row.adjusted is not None]
     if not tested:
         return "No difference can be tested."
     row = min(tested, key=_significance)
+    if row.change is Change.NONE and trend.runs_needed:
+        return (
+            f"No figure can differ significantly with so few runs; from {trend.runs_needed} seeds on, it can."
+        )
     if isinstance(row, FigureChange):
         before, after = (_median_text(row, value) for value in (row.medians[0], row.medians[-1]))
-        what = f"{FIGURES[row.figure].words}, {before} → {after}"
+        what = f"{row.label}, {before} → {after}"
     else:
         what = f"runs that passed, {_count(row.tallies[0])} → {_count(row.tallies[-1])}"
     detail = f"{what} at {row.cell} (adjusted p {_probability(row.adjusted)})"
     if row.change in (Change.BETTER, Change.WORSE):
         return f"`{trend.results[-1].name}` is {row.change.value}: {detail}."
     return f"No difference is significant; the nearest is {detail}."
+
+
+def _primary_table(trend: Trend, names: Sequence[str]) -> str:
+    if not trend.primary:
+        return ""
+    rows = [(_figure_row(row), row.change) for row in trend.primary]
+    columns = ("figure", "cell", *names, "p", "adjusted", "")
+    return f"<h2>Primary figures, medians</h2>{_render_marked(columns, rows)}"
+
+
+def _course(trend: Trend) -> str:
+    """Render charts over the results. Two results have none, because a line between two points says nothing."""
+    if len(trend.results) <= 2:
+        return ""
+    return f"<h2>Course over the results</h2>{room('trend', trend_charts(trend), first=_FIRST_CHARTS)}"
 
 
 def _setting_table(trend: Trend, names: Sequence[str]) -> str:
@@ -141,7 +164,7 @@ def _count(tally: Tally) -> str:
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
     medians = (_median_text(row, *pair) for pair in zip(row.medians, row.intervals, strict=True))
     test = _probability(row.probability), _probability(row.adjusted), row.change.value
-    return FIGURES[row.figure].words, row.cell, *medians, *test
+    return row.label, row.cell, *medians, *test
 
 
 def _median_text(row: FigureChange, median: float | None, interval: tuple[float, float] | None = None) -> str:
@@ -162,10 +185,18 @@ def _probability(value: float | None) -> str:
     return f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
 
 
-def _significance(row: CellChange | FigureChange) -> tuple[float, float]:
+def _significance(row: CellChange | FigureChange) -> tuple[float, float, float]:
+    """Return a key that sorts rows by significance, and equally significant figures by their relative change."""
+    change = 0.0
+    if isinstance(row, FigureChange):
+        first, last = row.medians[0], row.medians[-1]
+        change = 1.0
+        if first is not None and last is not None:
+            change = abs(last - first) / ((abs(first) + abs(last)) or 1.0)
     return (
         2.0 if row.adjusted is None else row.adjusted,
         2.0 if row.probability is None else row.probability,
+        -change,
     )
 
 
@@ -237,7 +268,7 @@ def trend_charts(trend: Trend) -> Charts:
         zero=True,
     )
     by_figure: dict[str, dict[str, Sequence[float | None]]] = {}
-    for row in sorted(trend.figures, key=_significance):
+    for row in (*trend.primary, *sorted(trend.figures, key=_significance)):
         by_figure.setdefault(row.figure, {})[row.cell] = row.medians
     for key, medians in list(by_figure.items())[:CHARTS_MOST]:
         add(key, f"Median: {FIGURES[key].words}", FIGURES[key].unit, medians)

@@ -9,7 +9,7 @@ import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
-from itertools import chain
+from itertools import chain, count
 from typing import TypeVar
 
 from msgspec import Struct
@@ -76,6 +76,8 @@ class FigureChange(Struct, frozen=True):
 
     figure: str
     cell: str
+    title: str
+    """Title of a primary figure of the campaign; empty for other figures."""
     runs: tuple[int, ...]
     medians: tuple[float | None, ...]
     """Median of the figure in each of the results; None if no run has the figure, or the median is infinite."""
@@ -84,8 +86,13 @@ class FigureChange(Struct, frozen=True):
     probability: float | None
     """Probability of such a difference by chance (Mann-Whitney test)."""
     adjusted: float | None
-    """Probability adjusted by Holm's method for the number of figures and cells."""
+    """Probability adjusted by Holm's method for the number of primary figures, or of other figures and cells."""
     change: Change
+
+    @property
+    def label(self) -> str:
+        """Title of a primary figure, and the words of another figure."""
+        return self.title or FIGURES[self.figure].words
 
 
 _Row = TypeVar("_Row", CellChange, FigureChange)
@@ -101,8 +108,10 @@ class Trend(Struct, frozen=True):
     overall: CellChange
     """Change over all cells together."""
     cells: tuple[CellChange, ...]
+    primary: tuple[FigureChange, ...]
+    """Primary figures of the last campaign."""
     figures: tuple[FigureChange, ...]
-    """Figures that differ between the results."""
+    """Other figures that differ between the results."""
 
     @property
     def worse(self) -> bool:
@@ -114,8 +123,22 @@ class Trend(Struct, frozen=True):
         """Number of cells and figures that are significantly worse, and number of cells and figures that are
         significantly better.
         """
-        changes = [*(one.change for one in self.cells), *(one.change for one in self.figures)]
+        changes = [one.change for one in self.cells]
+        changes += [one.change for one in (*self.primary, *self.figures)]
         return changes.count(Change.WORSE), changes.count(Change.BETTER)
+
+    @property
+    def runs_needed(self) -> int:
+        """Number of runs of each case from which on a difference of a figure can be significant; 0 if there are
+        enough, or no figure is tested.
+        """
+        tested = [row for row in self.primary or self.figures if row.probability is not None]
+        if not tested:
+            return 0
+        fewest = self.level / (2.0 * len(tested))  # the probability of two samples without an overlap, halved
+        if any(math.comb(row.runs[0] + row.runs[-1], row.runs[0]) * fewest > 1.0 for row in tested):
+            return 0
+        return next(runs for runs in count(1) if math.comb(2 * runs, runs) * fewest > 1.0)
 
 
 def trend_of(stores: Mapping[str, Store]) -> Trend:
@@ -133,6 +156,9 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
         by_cell.append(runs_by_cell(plan, runs))
         by_case.append(runs_by_case(plan, runs))
     first, *_, last = stores.values()
+    titles = {(one.figure, one.case): one.title for one in last.plan().primary}
+    figures = list(_figures(by_case, titles))
+    primary = [row for key in titles for row in figures if (row.figure, row.cell) == key]
     cells = list(dict.fromkeys(chain.from_iterable(by_cell)))
     overall = _adjust([_cell("all cells", [one.tally for one in results])], _cell_change)
     rows = [_cell(cell, [tally_of(runs_of.get(cell, ())) for runs_of in by_cell]) for cell in cells]
@@ -142,7 +168,8 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
         tuple(setting_changes(first, last)),
         overall[0],
         tuple(_adjust(rows, _cell_change)),
-        tuple(_adjust(list(_figures(by_case)), _figure_change)),
+        tuple(_adjust(primary, _figure_change)),
+        tuple(_adjust([row for row in figures if not row.title], _figure_change)),
     )
 
 
@@ -161,18 +188,22 @@ def _cell_change(row: CellChange) -> Change:
     return Change.WORSE if last < first else Change.BETTER
 
 
-def _figures(by_case: Sequence[Mapping[str, list[Done]]]) -> Iterator[FigureChange]:
+def _figures(
+    by_case: Sequence[Mapping[str, list[Done]]], titles: Mapping[tuple[str, str], str]
+) -> Iterator[FigureChange]:
+    """Yield every primary figure, and the other figures that differ."""
     cases = list(dict.fromkeys(chain.from_iterable(by_case)))
     for key in NUMBERS:
         for case in cases:
             samples = [values_of(key, runs_of.get(case, ())) for runs_of in by_case]
-            if any(sample != samples[0] for sample in samples):
+            title = titles.get((key, case), "")
+            if title or any(sample != samples[0] for sample in samples):
                 medians = tuple(_median(sample) for sample in samples)
                 intervals = tuple(median_interval(sample) for sample in samples)
                 both = samples[0] and samples[-1]
                 probability = rank_sum(samples[0], samples[-1]) if both else None
                 runs = tuple(map(len, samples))
-                yield FigureChange(key, case, runs, medians, intervals, probability, None, Change.NONE)
+                yield FigureChange(key, case, title, runs, medians, intervals, probability, None, Change.NONE)
 
 
 def _median(values: Sequence[float]) -> float | None:

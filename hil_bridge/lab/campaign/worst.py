@@ -26,7 +26,7 @@ def worst_run(store: Store, runs: Sequence[Done]) -> Done | None:
     """Return the result of a hunt, otherwise the worst failed run, otherwise the run with the largest true force."""
     for run in store.runs("key = ?", [store.fact("worst")]):
         return run
-    failed = worst_first(runs)
+    failed = worst_first(store.plan().criteria, runs)
     return failed[0] if failed else max(runs, key=true_force, default=None)
 
 
