@@ -105,10 +105,10 @@ RESPONSE: Final = Layout(
         _field("magic", 0, "H", "6A72, the letters jr"),
         _field("op", 2, "B", "of the request; 0: about the connection"),
         _field("status", 3, "B", "0 done, else the reason for the refusal"),
-        _field("tag", 4, "H", "of the request; a stream's bursts carry that of the request that began it"),
+        _field("tag", 4, "H", "of the request; a stream's bursts have that of the request that started it"),
         _field("address", 6, "H", "of the request"),
         _field("count", 8, "H", "words in each burst"),
-        _field("bursts", 10, "B", "bursts behind the header; 0 where nothing was read"),
+        _field("bursts", 10, "B", "bursts after the header; 0 if nothing was read"),
         _field("reserved", 11, "B", "0"),
     ),
 )
@@ -116,7 +116,7 @@ BURST: Final = Layout(
     "burst",
     8,
     ">",
-    (_field("time_ns", 0, "Q", "when its words, which follow, were read; server's clock", "ns"),),
+    (_field("time_ns", 0, "Q", "time at which its words were read; server's clock", "ns"),),
 )
 
 
