@@ -61,27 +61,27 @@ RECEIVER = Layout(
 """Layout of the receiver's diagram. Chosen: no arrow crosses a box, and no labels overlap."""
 
 INTRODUCTION = """\
-Drawn by `tools/link_diagrams.py` from the table in `protocol/devices/s3/adlp/transitions.py`, by which both ends work.
-An arrow has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams.
-Both ends send and receive. They differ in two things: which side goes first when both bid at once, and which lengths
-they understand."""
+`tools/link_diagrams.py` draws the diagrams from `protocol/devices/s3/adlp/transitions.py`, the table of both ends.
+The label of an arrow is the stimulus. The table below has the actions, and the stimuli that do not change the state.
+Both ends send and receive. They differ in precedence when both bid at once, and in the lengths that they
+understand."""
 RECEIVING = """\
-The PC understands a length that counts the whole telegram, the S3 also one of the data alone (`accepted_lengths`), so
-that it waits for the end by the other length, or for the gap time-out, before it refuses a block. "Listening" is as
-"idle" here."""
+The PC understands a length that counts the complete telegram, the S3 also one of the data alone (`accepted_lengths`).
+Before it refuses a block, the S3 therefore waits for the end by the other length, or for the gap time-out. "Listening"
+is the same as "idle" here."""
 DOING = """\
-A pair that is not listed is ignored and counted. "Failed" is what the sender is told of its message, or the receiver of
-one that broke off. "Gap" is silence inside a block or after garbage (`gap_timeout_s`), the other time-outs are those of
-the state."""
+A stimulus that is not listed for a state is ignored and counted. "Failed" is reported to the sender for its message,
+and to the receiver for an incomplete one. "Gap" is silence inside a block or after garbage (`gap_timeout_s`); the other
+time-outs are those of the state."""
 
 _FIRST = {
-    State.AWAITING_ACK: "message there",
+    State.AWAITING_ACK: "message ready",
     State.HOLDING: "bid was ahead of its message",
     State.BIDDING: "read too late, ENQ again up to bid_limit",
     State.IDLE: "then failed",
 }
 _REPEATED = {State.AWAITING_ACK: "up to repeat_limit", State.IDLE: "then EOT, failed"}
-_ENDED = {State.IDLE: "none left, EOT", State.LISTENING: "none left, EOT, line was asked for"}
+_ENDED = {State.IDLE: "none left, EOT", State.LISTENING: "none left, EOT, line was requested"}
 _STRAY = "else a stray one"
 CONDITIONS: Mapping[Action, Mapping[State, str]] = {
     Action.COLLIDE: {State.BIDDING: "we go first", State.AWAITING_BLOCK: "the other side goes first"},
@@ -95,9 +95,9 @@ CONDITIONS: Mapping[Action, Mapping[State, str]] = {
     Action.SEND_HELD: {
         State.AWAITING_ACK: "in time",
         State.IDLE: "too late, EOT",
-        State.LISTENING: "too late, EOT, line was asked for",
+        State.LISTENING: "too late, EOT, line was requested",
     },
-    Action.RELEASE: {State.IDLE: "EOT", State.LISTENING: "EOT, line was asked for"},
+    Action.RELEASE: {State.IDLE: "EOT", State.LISTENING: "EOT, line was requested"},
     Action.SEND_FIRST_REVERSED: _FIRST,
     Action.SEND_NEXT: {State.AWAITING_ACK: "more blocks", **_ENDED},
     Action.SEND_NEXT_REVERSED: {State.AWAITING_ACK: "more blocks", State.LISTENING: "none left, EOT"},
@@ -181,7 +181,7 @@ def action_table() -> str:
     lines = (
         (state, ", ".join(stimuli), action, targets) for (state, action, targets), stimuli in rows.items()
     )
-    return table(("in state", "happens", "is done", "and then"), lines)
+    return table(("state", "stimulus", "action", "next state"), lines)
 
 
 def section() -> str:
@@ -196,7 +196,7 @@ def section() -> str:
         ]
     picture = "![States of the link while either side receives](../pictures/link-receives.svg)"
     parts += ["### Either receives", RECEIVING, picture]
-    return "\n\n".join([*parts, "### What is done", DOING, action_table()])
+    return "\n\n".join([*parts, "### Actions", DOING, action_table()])
 
 
 TABLES = {"state diagrams": section}

@@ -181,15 +181,14 @@ def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
 
 
 ABOUT = (
-    "The paper says that no fixed gain matrix is stable over a large range of stiffness and that the adaptive scheme "
-    "performs acceptably in various contact conditions; it compares with no other controller. Here every controller "
+    "In the paper, no fixed gain matrix is stable over a large range of stiffness, and the adaptive scheme performs "
+    "acceptably in various contact conditions; there is no comparison with other controllers. Here every controller "
     f"holds {REFERENCE_N:g} N on surfaces from {digits(min(STIFFNESSES))} to {digits(max(STIFFNESSES))} N/m, quiet and "
-    f"noisy, at 9600 and 19200 baud, about {SAMPLES} samples a run, the last {STEADY_SAMPLES} of which are its steady "
-    "state. A point counts as held when 90 % was reached, contact was never lost, and the steady force is right within "
-    "a resolution step and swings by no more than two. On the hardest surface one resolution step is worth more than "
-    "the desired force: what position steps cannot reach, no controller can, and passive compliance is the paper's "
-    f"remedy. On the softest surface a run of {SAMPLES} samples is too short for controllers that move by a few steps "
-    "a sample."
+    f"noisy, at 9600 and 19200 baud, for about {SAMPLES} samples. The last {STEADY_SAMPLES} of them are the steady "
+    "state. A point counts as held if 90 % was reached, contact was never lost, and the steady force is correct "
+    "within one resolution step and oscillates by at most two. On the hardest surface, one resolution step exceeds "
+    "the desired force: no controller can correct this, and the paper's remedy is passive compliance. On the softest "
+    f"surface, {SAMPLES} samples are too few for controllers that move by a few steps a sample."
 )
 
 COMPARISON = Experiment(

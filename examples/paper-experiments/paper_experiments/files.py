@@ -45,15 +45,14 @@ def write_page(
         for each in experiments
         for claim in each.claims(found[each.name].table)
     ]
-    table = markdown_table(("experiment", "the paper says", "what came out"), claims)
+    table = markdown_table(("experiment", "the paper says", "result here"), claims)
     head = (
         "# The paper's results, repeated\n\n"
-        'What "A Fuzzy Adaptive Control Design for Compliant Motion of a Manipulator" '
-        "(IEEE, 1994) says, and what "
-        "comes out here: its simulation under its own assumptions, and its experiments through the whole "
-        "emulated chain – sensor board, CAN gateway, bridge, 9600 baud computer link, servo with dead "
-        "band, contact – in virtual time. This page, its numbers and its pictures are written by one "
-        f"command, and repeat exactly:\n\n```\n{command}\n```\n\nAll figures are means over the noise "
+        'The results of "A Fuzzy Adaptive Control Design for Compliant Motion of a Manipulator" (IEEE, 1994), '
+        "compared with its simulation under its own assumptions, and with its experiments on the complete emulated "
+        "chain – sensor board, CAN gateway, bridge, 9600 baud computer link, servo with dead band, contact – in "
+        "virtual time. One command writes this page with its numbers and pictures, reproducibly:\n\n"
+        f"```\n{command}\n```\n\nAll figures are means over the noise "
         "seeds; `sd` is the standard deviation over them. Curves are those of the first seed. Samples are control "
         "cycles."
     )

@@ -218,15 +218,15 @@ def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
 
 
 ABOUT = (
-    "The paper says that a constant force ends in a slow oscillation of amplitude k_e·Δx_res, because the position may "
-    "be anywhere within half a step of the reported one. Here an integral controller was left alone with the force "
-    "half-way between two steps. With rounding alone the prediction is the describing function of the quantised loop. "
-    "Through the whole chain the factor is the servo's: it turns itself off at the first tick at which the reported "
-    "position is the wanted one, so it has only to cross the border between two steps. It is held a few hundredths of "
-    "a step beyond, and swings through by what it coasts while the force is sampled. Stepped from tick to tick, that "
-    "loop is predicted from the servo's frequency and damping, tick, delays, filter of the force, sample time and "
-    "gain, without anything fitted. k_e·Δx_res is what a servo leaves that continues to its set point. The columns of "
-    "ratios are measured over predicted."
+    "In the paper, a constant force ends in a slow oscillation of amplitude k_e·Δx_res, because the position may be "
+    "anywhere within half a step of the reported one. Here an integral controller runs with the target force half-way "
+    "between two steps. With rounding alone, the prediction is the describing function of the quantised loop. Through "
+    "the complete chain, the servo determines the factor. It switches off at the first tick at which the reported "
+    "position is the target, so it only has to cross the border between two steps. It stops a few hundredths of a "
+    "step beyond, and overshoots by the distance that it coasts while the force is sampled. The prediction simulates "
+    "that loop tick by tick from the servo's frequency and damping, tick, delays, filter of the force, sample time "
+    "and gain, without fitted values. A servo that continues to its set point leaves k_e·Δx_res. The ratios are "
+    "measured over predicted."
 )
 
 RESOLUTION = Experiment(

@@ -8,10 +8,10 @@ from hil_bridge.control.laws.tables import GAIN_MATRIX, LEVELS
 from paper_experiments.results import Claim, Experiment, Findings, Job, Row, rows_where
 
 ABOUT = (
-    "The paper prints Table 3 but not the rules behind it. Below is what Mamdani inference on Table 2 with the "
-    "recovered rules gives: output levels, in resolution steps of 0.125 mm, by the level of the force error (rows) and "
-    "of its change (columns). Where the printed entry differs it is in brackets. The printed matrix should be "
-    "antisymmetric, G(−e, −ce) = −G(e, ce), and is not at that entry alone: a slip in the paper."
+    "The paper prints Table 3 but not its rules. The table below results from Mamdani inference on Table 2 with the "
+    "recovered rules: output levels, in resolution steps of 0.125 mm, by the level of the force error (rows) and of "
+    "its change (columns). A different printed entry is in brackets. The printed matrix should be antisymmetric, "
+    "G(−e, −ce) = −G(e, ce). Only the entry in brackets is not: an error in the paper."
 )
 
 

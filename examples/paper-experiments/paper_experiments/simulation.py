@@ -32,12 +32,12 @@ PARAMETERS: dict[str, Parameters] = {"fuzzy": (), "fuzzy-adaptive": (), "resolut
 SETTLED_STEPS = 0.05
 """Resolution steps per second below which a mean over seeds counts as stationary."""
 ABOUT = (
-    "The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends in a limit cycle "
-    "on a hard one (Fig. 3), and that adaptation makes it faster with a small overshoot, without the limit cycle (Fig. "
-    "5). It prints neither the desired force nor the stiffnesses, so its curves cannot be laid over these. Where the "
-    "limit cycle stays, the fuzzy correction continues beside the feedforward: quartered and rounded to whole steps it "
-    "still outweighs an error that no reachable position can better. The resolution-aware controller commands the "
-    "feedforward alone, and rests inside half a step."
+    "In the paper, a fixed gain matrix gives an overdamped response on a soft wall and a limit cycle on a hard one "
+    "(Fig. 3). Adaptation gives a faster response with a small overshoot and no limit cycle (Fig. 5). The paper "
+    "prints neither the desired force nor the stiffnesses, so the curves cannot be compared directly. Where the limit "
+    "cycle remains, the fuzzy correction adds to the feedforward: even quartered and rounded to whole steps, it is "
+    "larger than an error that no reachable position can reduce. The resolution-aware controller commands the "
+    "feedforward alone, and stops within half a step."
 )
 
 

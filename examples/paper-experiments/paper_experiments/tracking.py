@@ -33,20 +33,20 @@ SHOWN_SECONDS = 10.0
 SETTLING_S = 4.0
 """Time after contact that does not count as tracking. Chosen: more than twice the slowest rise."""
 ABOUT_FLAT = (
-    "The paper shows that the fuzzy controller without adaptation reaches and holds 10 N on a flat sponge of about "
-    "5 000 N/m, at 1 mm a sample (Fig. 7), and says that the adaptive controller responds faster and that the "
-    "estimator works as expected (Fig. 8). It prints no time axis in words, so the rise cannot be compared in seconds. "
-    "Fixed gains rest because Table 1 takes an error below 5 % of the desired force for small and Table 3 answers "
-    "small with nothing. The reported position lags and is rounded, and the force is sampled at another moment than "
-    f"the position, which the paper's eq. (4) does not know. {BEST} is the project's own controller."
+    "In the paper, the fuzzy controller without adaptation reaches and holds 10 N on a flat sponge of about 5 000 "
+    "N/m, at 1 mm a sample (Fig. 7). The adaptive controller responds faster, and the estimator works as expected "
+    "(Fig. 8). The text does not state the time axis, so the rise cannot be compared in seconds. Fixed gains stop "
+    "because Table 1 treats an error below 5 % of the desired force as small, and the output of Table 3 for a small "
+    "error is zero. The reported position lags and is rounded, and force and position are sampled at different times; "
+    f"the paper's eq. (4) includes neither. {BEST} is the project's own controller."
 )
 ABOUT_CONTOUR = (
-    "The paper shows the contour that was executed (Fig. 9) and the force without adaptation (Fig. 10) and with it "
-    "(Fig. 11), without dimensions; here the sponge is a wave of 10 mm amplitude and 200 mm period. On the steepest "
-    "part the surface moves by 0.31 mm a sample under the tool, so an integrating controller must be off by as much as "
-    "it takes to command that move at every sample. There eq. (4) takes the force that the surface makes for an answer "
-    "to the robot's move. All but the last row control the force along a fixed direction, as the paper does; the last "
-    "one controls it along the normal that is estimated from motion and force."
+    "The paper shows the executed contour (Fig. 9) and the force without (Fig. 10) and with adaptation (Fig. 11), "
+    "without dimensions. Here the sponge is a wave of 10 mm amplitude and 200 mm period. On the steepest part, the "
+    "surface moves by 0.31 mm a sample under the tool, so an integrating controller needs a permanent error to "
+    "command that motion at every sample. There eq. (4) mistakes the force caused by the surface for a response to "
+    "the robot's motion. All rows except the last control the force along a fixed direction, as the paper does. The "
+    "last row controls it along the normal estimated from motion and force."
 )
 
 
