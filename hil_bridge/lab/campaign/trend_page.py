@@ -50,15 +50,18 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     yield from setting_lines(trend.settings)
     yield headline(trend)
     names = [one.name for one in trend.results]
-    yield ""
-    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in _cells(trend)])
     columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
-    rows = [] if trend.primary else sorted(trend.figures, key=_significance)
-    if listed := (trend.primary or rows[:FIGURES_MOST]):
+    listed = trend.primary or sorted(trend.figures, key=_significance)[:FIGURES_MOST]
+    if listed:
         yield ""
         yield from aligned(columns, [_figure_row(row) for row in listed])
     if more := len(trend.primary) + len(trend.figures) - len(listed):
         yield f"and {more} more figures, on the page"
+    rows = [row for row in _cells(trend) if row is trend.overall or len(set(map(_count, row.tallies))) > 1]
+    yield ""
+    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in rows])
+    if same := len(_cells(trend)) - len(rows):
+        yield f"and {same} more cells, the same in all results"
 
 
 def trend_page(trend: Trend) -> str:
@@ -162,7 +165,10 @@ def _count(tally: Tally) -> str:
 
 
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
-    medians = (_median_text(row, *pair) for pair in zip(row.medians, row.intervals, strict=True))
+    medians = (
+        "∞" if count and median is None else _median_text(row, median, interval)
+        for count, median, interval in zip(row.runs, row.medians, row.intervals, strict=True)
+    )
     test = _probability(row.probability), _probability(row.adjusted), row.change.value
     return row.label, row.cell, *medians, *test
 
