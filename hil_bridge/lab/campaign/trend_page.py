@@ -57,11 +57,11 @@ def trend_lines(trend: Trend) -> Iterator[str]:
         yield from aligned(columns, [_figure_row(row) for row in listed])
     if more := len(trend.primary) + len(trend.figures) - len(listed):
         yield f"and {more} more figures, on the page"
-    rows = [row for row in _cells(trend) if row is trend.overall or len(set(map(_count, row.tallies))) > 1]
+    differing, same = _cells(trend)
     yield ""
-    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in rows])
-    if same := len(_cells(trend)) - len(rows):
-        yield f"and {same} more cells, the same in all results"
+    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in differing])
+    if same:
+        yield f"and {len(same)} more cells, the same in all results"
 
 
 def trend_page(trend: Trend) -> str:
@@ -80,7 +80,7 @@ def trend_page(trend: Trend) -> str:
 <p class="point">{prose(point(trend))}</p>
 {_primary_table(trend, names)}
 <h2>Runs that passed, by cell</h2>
-{_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
+{_cell_tables(trend, names)}
 <h2>{"Other figures" if trend.primary else "Figures"} that differ, medians by cell</h2>
 {_figure_tables(trend, names)}
 <p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
@@ -150,9 +150,25 @@ def _setting_table(trend: Trend, names: Sequence[str]) -> str:
     return f"<h2>Settings that differ</h2>{cells(('setting', names[0], names[-1]), rows, 'narrow settings')}"
 
 
-def _cells(trend: Trend) -> Sequence[CellChange]:
-    """Return the row over all cells, if there are several cells, and the row of each cell."""
-    return (trend.overall, *trend.cells) if len(trend.cells) > 1 else trend.cells
+def _cells(trend: Trend) -> tuple[Sequence[CellChange], Sequence[CellChange]]:
+    """Return the row over all cells with the cells that differ, and the cells that are the same in all results. A
+    single cell has no row over all cells.
+    """
+    if len(trend.cells) == 1:
+        return trend.cells, ()
+    differing = [row for row in trend.cells if len(set(map(_count, row.tallies))) > 1]
+    return [trend.overall, *differing], [row for row in trend.cells if row not in differing]
+
+
+def _cell_tables(trend: Trend, names: Sequence[str]) -> str:
+    """Render the counts of runs by cell; the cells that are the same in all results are folded."""
+    columns = ("cell", *names, "p", "adjusted", "")
+    differing, same = (
+        _render_marked(columns, [(_cell_row(row), row.change) for row in rows]) if rows else ""
+        for rows in _cells(trend)
+    )
+    count = len(_cells(trend)[1])
+    return differing + fold(f"<h2>{count} more cells, the same in all results</h2>{same}" * bool(same))
 
 
 def _cell_row(row: CellChange) -> tuple[str, ...]:
