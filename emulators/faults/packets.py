@@ -222,7 +222,8 @@ class Packets(Generic[Data]):
     """
 
     def __init__(self, inner: Endpoint[Data, Data, None], pieces: Pieces[Data], seed: int | str) -> None:
-        self._inner = inner
+        self.wrapped = inner
+        """Endpoint of the device."""
         self._in: _Direction[Data] = _Direction(pieces, random.Random(f"{seed} to the device"))
         self._out: _Direction[Data] = _Direction(pieces, random.Random(f"{seed} from the device"))
         self._bad = False
@@ -235,14 +236,14 @@ class Packets(Generic[Data]):
         if self._bad:
             self._in.take(data, now)
             data = self._in.arrived(now)
-        self._inner.receive(data, now)
+        self.wrapped.receive(data, now)
 
     def next_event(self) -> None:
         """Return None, because a device emits no events."""
 
     def data_to_send(self, now: float) -> Data:
         """Return the data from the device that arrive now, including delayed data."""
-        data = self._inner.data_to_send(now)
+        data = self.wrapped.data_to_send(now)
         if not self._bad:
             return data
         if len(data):
@@ -251,7 +252,7 @@ class Packets(Generic[Data]):
 
     def next_deadline(self) -> float | None:
         """Return the time at which the device has something to do or delayed data arrive, s."""
-        due = self._inner.next_deadline()
+        due = self.wrapped.next_deadline()
         if self._bad:
             for direction in (self._in, self._out):
                 if direction.under_way and (due is None or direction.under_way[0][0] < due):
@@ -261,8 +262,8 @@ class Packets(Generic[Data]):
     def handle_deadline(self, now: float) -> None:
         """Deliver delayed data to the device, and handle the deadline of the device."""
         if self._bad and len(data := self._in.arrived(now)):
-            self._inner.receive(data, now)
-        self._inner.handle_deadline(now)
+            self.wrapped.receive(data, now)
+        self.wrapped.handle_deadline(now)
 
     def begin(self, injection: Injection) -> None:
         """Apply a fault to all data sent from now on."""

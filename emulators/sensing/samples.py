@@ -5,7 +5,7 @@ sample, not on the blocks in which samples are read.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -42,6 +42,25 @@ class KnownWrench:
         self.committed_until = committed_until or (lambda now: now)
         self.predicted_until = predicted_until or self.committed_until
         self.on_change: Callable[[float], object] = _unread
+
+
+class SteppedWrench(KnownWrench):
+    """`WrenchSource` that changes in steps, for a sensor without a cell."""
+
+    def __init__(self, wrench: Sequence[float]) -> None:
+        """Begin with a wrench (6,), N and N·m."""
+        super().__init__(self._wrench_at)
+        self._times, self._wrenches = [-math.inf], np.array([wrench], dtype=float)
+
+    def step(self, wrench: Sequence[float], now: float) -> None:
+        """Change to a wrench (6,), N and N·m, at the time `now`, s."""
+        self._times.append(now)
+        self._wrenches = np.vstack((self._wrenches, wrench))
+        self.on_change(now)
+
+    def _wrench_at(self, times: Floats) -> Floats:
+        wrenches: Floats = self._wrenches[np.searchsorted(self._times, times, side="right") - 1]
+        return wrenches
 
 
 class Samples:

@@ -42,13 +42,13 @@ class HangupEndpoint:
     """Endpoint that reports when the device closes its connection."""
 
     def __init__(self, server: ClientEndpoint) -> None:
-        self._server = server
+        self.wrapped = server
         self._is_reported = False
         self.receive, self.data_to_send = server.receive, server.data_to_send
         self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
 
     def next_event(self) -> Hangup | None:
-        if self._server.closing and not self._is_reported:
+        if self.wrapped.closing and not self._is_reported:
             self._is_reported = True
             return Hangup()
         return None

@@ -157,16 +157,16 @@ class _CountsLate:
     of the operating system arrived in time, so they are read first.
     """
 
-    __slots__ = ("_endpoint", "_take_in", "data_to_send", "next_deadline", "next_event", "receive")
+    __slots__ = ("_take_in", "data_to_send", "next_deadline", "next_event", "receive", "wrapped")
 
     def __init__(self, endpoint: Any, take_in: Callable[[], None]) -> None:
-        self._endpoint, self._take_in = endpoint, take_in
+        self.wrapped, self._take_in = endpoint, take_in
         self.receive, self.next_event = endpoint.receive, endpoint.next_event
         self.data_to_send, self.next_deadline = endpoint.data_to_send, endpoint.next_deadline
 
     def handle_deadline(self, now: float) -> None:
         self._take_in()
-        self._endpoint.handle_deadline(now)
+        self.wrapped.handle_deadline(now)
 
 
 def _ignore(event: object) -> None:

@@ -49,6 +49,16 @@ def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
             texts.add(str(error))
 
 
+def _robot_url(setup: Setup, start: Start) -> None:
+    if not setup.robot.is_emulated:
+        setup.robot.wires()
+
+
+def _sensor_url(setup: Setup, start: Start) -> None:
+    if not setup.sensor.is_emulated:
+        setup.sensor.wires()
+
+
 def check_wires(setup: Setup, start: Start) -> None:
     """Raise ConfigError if the URLs do not form a cell, or do not work in virtual time."""
     if start.virtual and not (setup.robot.is_emulated and setup.sensor.is_emulated):
@@ -124,6 +134,8 @@ def _thread(setup: Setup, start: Start) -> None:
 
 
 CHECKS: Mapping[str, Callable[[Setup, Start], None]] = {
+    "robot.url": _robot_url,
+    "sensor.url": _sensor_url,
     "wires": check_wires,
     "force": _force,
     "panel": _panel,

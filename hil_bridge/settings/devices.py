@@ -14,6 +14,7 @@ from hil_bridge.devices.kinds import (
 )
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import settings_of
+from hil_bridge.transports.urls import WireUrl, naming_kind
 
 _Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any])
 
@@ -36,6 +37,13 @@ class Device(Generic[_Kind]):
     def is_emulated(self) -> bool:
         """Whether this program emulates the device. Even if it does not, the URL may lead to an emulator elsewhere."""
         return not self.url
+
+    def wires(self) -> list[WireUrl]:
+        """Return the wires that the client opens at the URL. Raises ConfigError for an invalid URL."""
+        others: Any = getattr(self.kind, "other_wires", None)
+        with naming_kind(self.kind.name):
+            wire = self.kind.parse(self.url, self.settings)
+            return [wire, *(others(self.url, self.settings) if others else ())]
 
 
 Robot = Device[RobotKind[Any, Any]]

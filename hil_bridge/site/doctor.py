@@ -16,17 +16,17 @@ import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
-from hil_bridge.devices.kinds import CanBus, SensorKind
+from hil_bridge.devices.kinds import CanBus
 from hil_bridge.devices.robots.probe import ProbeResult
 from hil_bridge.errors import ConfigError, DeviceError, SettingRefused
 from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_path, open_ordinary, read_up_to
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
-from hil_bridge.settings.devices import Robot, Sensor, robot_in, sensor_in
+from hil_bridge.settings.devices import Robot, robot_in, sensor_in
 from hil_bridge.site import datagrams, facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
-from hil_bridge.transports.urls import WireUrl, naming_kind
+from hil_bridge.transports.urls import WireUrl
 
 PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "pydantic", "mcap", "msgspec")
 PERIOD_S, CYCLES = 1e-3, 1000
@@ -112,28 +112,19 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
         if not url:
             yield ok(key, "empty: emulated")
             continue
-        opened: Sequence[WireUrl] = ()
         try:
             device = sensor_in(config) if is_sensor else robot_in(config)
-            opened = _opened_by(device)
-            checked = [wire(one, root, details, getattr(device.kind, "bus", None)) for one in opened]
-        except ConfigError as error:
-            checked = [fail(key, str(error))]
-        yield from (_under(key, fact) for fact in checked)
-        if opened and not is_sensor:
+            opened = device.wires()
+        except ConfigError:  # already reported
+            continue
+        for one in opened:
+            yield _under(key, wire(one, root, details, getattr(device.kind, "bus", None)))
+        if not is_sensor:
             yield from check_side_channel(key, robot_in(config))
         for one in filter(datagrams.is_datagrams, opened):
             rules = datagrams.firewall_rules()
             for fact in datagrams.surroundings(one, root, rules, config.realtime):
                 yield _under(key, fact)
-
-
-def _opened_by(device: Robot | Sensor) -> Sequence[WireUrl]:
-    """Return the wires that the client of a device opens. Raises ConfigError for an invalid URL."""
-    kind, url, settings = device.kind, device.url, device.settings
-    others = kind.other_wires if isinstance(kind, SensorKind) else None
-    with naming_kind(kind.name):
-        return [kind.parse(url, settings), *(others(url, settings) if others else ())]
 
 
 def differences(config: Config, file: Path) -> list[Fact]:

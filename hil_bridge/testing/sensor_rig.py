@@ -5,10 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
-import numpy as np
-
-from emulators.seams import Floats
-from emulators.sensing import KnownWrench
+from emulators.sensing import SteppedWrench
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -34,27 +31,15 @@ class SensorRig(Rig):
     def __init__(self, case: SensorCase, clock: Clock) -> None:
         super().__init__(clock, case.kind.emulation.faults if case.kind.emulation else {})
         self.case = case
-        self._times: list[float] = [-math.inf]
-        self._wrenches: list[Wrench] = [NOTHING]
-        self._rows = np.array(self._wrenches)
-        self.source = KnownWrench(self._loads_at)
+        self.source = SteppedWrench(NOTHING)
         self.frames: list[WrenchFrame] = []
         """Frames reported by the clients, oldest first."""
         self.sensor: Any = None
         self.url = ""
 
-    def _loads_at(self, times: Floats) -> Floats:
-        wrenches: Floats = self._rows[np.searchsorted(self._times, times, side="right") - 1]
-        return wrenches
-
     def push(self, wrench: Sequence[float]) -> None:
         """Apply a wrench to the sensor, N and N·m, sensor frame."""
-        a, b, c, d, e, f = wrench
-        now = self.clock.now()
-        self._times.append(now)
-        self._wrenches.append((a, b, c, d, e, f))
-        self._rows = np.array(self._wrenches)
-        self.source.on_change(now)
+        self.source.step(wrench, self.clock.now())
 
     async def connect(self) -> ForceSensor:
         """Return a client for the sensor, as a run uses it, that is not started yet."""

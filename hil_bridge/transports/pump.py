@@ -1,7 +1,7 @@
 """Pump, which drives a protocol state machine over a wire and handles its deadlines."""
 
 from collections.abc import Callable, Sized
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors.failures import RAISED, blame, raise_if_interrupt
@@ -18,6 +18,24 @@ _RECEIVE_S = 0.001
 """Time for which data that arrived during a stall are received before a deadline is judged, s. Chosen: also
 sufficient for a device that is emulated in this process.
 """
+_STANDING_MAX = 1000
+"""Number of consecutive deadlines that do not advance after which virtual time counts as stopped. Chosen: more than a
+device handles one by one at the same time.
+"""
+
+
+class PastDeadline(Exception):
+    """Error of an endpoint whose next deadline stays in the past, so that virtual time cannot advance."""
+
+    def __init__(self, endpoint: Any, deadline: float, now: float) -> None:
+        """Create the error. `deadline` and `now` are times on the endpoint's clock, s."""
+        while (wrapped := getattr(endpoint, "wrapped", None)) is not None:
+            endpoint = wrapped
+        super().__init__(
+            f"{type(endpoint).__name__}.next_deadline stays at {deadline:.6f} s, and now is {now:.6f} s; "
+            "after handle_deadline, return a time after now, or None"
+        )
+        blame(self, endpoint, "next_deadline")
 
 
 class Pump(Generic[Data, Event]):
@@ -39,6 +57,7 @@ class Pump(Generic[Data, Event]):
         "_on_end",
         "_on_event",
         "_postponed",
+        "_standing",
         "_timer",
         "_transport",
         "_turning",
@@ -68,6 +87,8 @@ class Pump(Generic[Data, Event]):
         """Next deadline of the endpoint, s."""
         self._postponed: float | None = None
         """Deadline that was postponed after a stall; each deadline is postponed only once."""
+        self._standing = 0
+        """Number of consecutive deadlines that did not advance."""
         self._turning = False
         self._ended = False
 
@@ -150,6 +171,13 @@ class Pump(Generic[Data, Event]):
             self._end(error)
             return
         self.kick()
+        following = self._deadline
+        if following is None or following > deadline:
+            self._standing = 0
+            return
+        self._standing += 1
+        if self._standing > _STANDING_MAX and self._clock.is_virtual:
+            self._end(PastDeadline(self._endpoint, following, now))
 
     def _end(self, cause: BaseException) -> None:
         if self._ended:

@@ -38,7 +38,7 @@ RAISES: dict[str, BaseException] = {
     "cancelled": asyncio.CancelledError(),
     "group": BaseExceptionGroup("two at once", [KeyboardInterrupt(), KeyError("other")]),
 }
-ANSWERS: dict[str, Any] = {"nothing": None, "nan": math.nan}
+ANSWERS: dict[str, Any] = {"nothing": None, "nan": math.nan, "past": 0.0}
 """Invalid return values that replace the valid one."""
 calls: dict[str, int] = {}
 

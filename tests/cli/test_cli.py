@@ -61,6 +61,10 @@ def test_help_does_not_import_heavy_libraries() -> None:
             ["run", "--unchecked", "--robot", "s3+foo:", "--sensor", "jr3+can+slcan:///dev/x"],
             "'s3+foo:': unknown scheme 'foo'; allowed: serial, tcp, rfc2217, memory; for example s3+serial:///dev/tty",
         ),
+        (  # before the robot, which is not there, is connected
+            ["run", "--unchecked", "--robot", "rtde+tcp://127.0.0.1:1", "--sensor", "netft+nonsense://x"],
+            "'netft+nonsense://x': unknown scheme 'nonsense'; allowed: udp, udp+memory; for example netft+udp://127",
+        ),
         (
             ["run", "--unchecked", "--robot", "s3+serial://", "--sensor", "jr3+can+slcan:///dev/x"],
             "the target is missing; for example",

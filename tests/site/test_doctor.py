@@ -320,6 +320,8 @@ def test_doctor_reports_refused_thread_settings(tmp_path: Path) -> None:
 
 REFUSED = {
     "force": "[task]\nforce_n = 60.0\n",
+    "robot.url": '[robot]\nurl = "s3+foo://x"\n[sensor]\nurl = "netft+udp://127.0.0.1:1"\n',
+    "sensor.url": '[robot]\nurl = "rtde+tcp://127.0.0.1:1"\n[sensor]\nurl = "netft+nonsense://x"\n',
     "wires": '[robot]\nurl = "s3+serial:///dev/ttyUSB0"\n',
     "tool": '[robot]\nurl = "s3+tcp://127.0.0.1:1"\n[sensor]\nurl = "jr3+can+socketcan://can0"\n',
     "panel": '[run]\npanel_url = "tcp-listen://127.0.0.1:0"\n'

@@ -206,6 +206,44 @@ def test_pump_exception_of_deadline_ends_it() -> None:
     run_virtual(main)
 
 
+def test_pump_deadline_that_stays_in_past_ends_it() -> None:
+    async def main() -> None:
+        rig = Rig()
+        rig.start()
+        now = rig.clock.now()
+        rig.endpoint.handle_deadline = lambda now: None  # type: ignore[method-assign]
+        rig.endpoint.deadline = now + 1
+        rig.pump.kick()
+        await pass_time(10)
+        assert rig.clock.now() == now + 10
+        assert [repr(error) for error in rig.causes] == [
+            f"PastDeadline('Echo.next_deadline stays at {now + 1:.6f} s, and now is {now + 1:.6f} s; "
+            "after handle_deadline, return a time after now, or None')"
+        ]
+
+    run_virtual(main)
+
+
+def test_pump_deadlines_in_past_that_advance_are_handled() -> None:
+    async def main() -> None:
+        rig = Rig()
+        rig.start()
+        start, handled = rig.clock.now(), 0
+
+        def handle(now: float) -> None:
+            nonlocal handled
+            handled += 1
+            rig.endpoint.deadline = start - 1 + handled / 5000 if handled < 10_000 else None
+
+        rig.endpoint.handle_deadline = handle  # type: ignore[method-assign]
+        rig.endpoint.deadline = start - 1
+        rig.pump.kick()
+        await pass_time(10)
+        assert (handled, rig.causes) == (10_000, [])
+
+    run_virtual(main)
+
+
 def test_pump_ends_with_wire() -> None:
     async def main() -> None:
         rig = Rig()

@@ -54,7 +54,7 @@ class SetpointResponder(Generic[Data]):
 
     def __init__(self, client: StreamClient[Data], cycle: float) -> None:
         """Wrap a client. `cycle` is the time between two packets of the robot, s."""
-        self._client = client
+        self._client = self.wrapped = client
         self._cycle = cycle
         self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
         self.counters: Counter[str] = Counter()

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.lab.campaign.criteria import Criterion, Unmet, unmet_of, value_text
 from hil_bridge.lab.campaign.plan import Plan
@@ -88,6 +89,8 @@ class FigureResult(Struct, frozen=True):
     """Standard deviation of the runs."""
     bounds: tuple[float, ...] = ()
     """Bounds of the criteria on the figure."""
+    title: str = ""
+    """Title of a primary figure of the campaign; empty for other figures."""
 
 
 class FailedRun(Struct, frozen=True):
@@ -220,8 +223,11 @@ def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
 def primary_results(plan: Plan, figures: Iterable[FigureResult]) -> tuple[FigureResult, ...]:
     """Return the results of the plan's primary figures, in their order."""
     results = {(one.figure, one.cell): one for one in figures}
-    keys = ((one.figure, one.case) for one in plan.primary)
-    return tuple(results[key] for key in keys if key in results)
+    return tuple(
+        replace(results[one.figure, one.case], title=one.title)
+        for one in plan.primary
+        if (one.figure, one.case) in results
+    )
 
 
 def _spread(values: Sequence[float]) -> _Spread:

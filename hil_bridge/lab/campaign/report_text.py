@@ -105,7 +105,7 @@ def figures_section(figures: Iterable[FigureResult], title: str = "Figures by ce
         values = (one.least, one.median, one.largest, one.mean, one.deviation)
         numbers = (_value(one, value) for value in values)
         runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
-        rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
+        rows.append((one.title or FIGURES[one.figure].words, one.cell, runs, *numbers))
     columns = ("figure", "cell", "runs", "least", "median", "largest", "mean", "deviation")
     return Section(title, columns, rows)
 

@@ -50,15 +50,18 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     yield from setting_lines(trend.settings)
     yield headline(trend)
     names = [one.name for one in trend.results]
-    yield ""
-    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in _cells(trend)])
     columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
-    rows = [] if trend.primary else sorted(trend.figures, key=_significance)
-    if listed := (trend.primary or rows[:FIGURES_MOST]):
+    listed = trend.primary or sorted(trend.figures, key=_significance)[:FIGURES_MOST]
+    if listed:
         yield ""
         yield from aligned(columns, [_figure_row(row) for row in listed])
     if more := len(trend.primary) + len(trend.figures) - len(listed):
         yield f"and {more} more figures, on the page"
+    differing, same = _cells(trend)
+    yield ""
+    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in differing])
+    if same:
+        yield f"and {len(same)} more cells, the same in all results"
 
 
 def trend_page(trend: Trend) -> str:
@@ -77,7 +80,7 @@ def trend_page(trend: Trend) -> str:
 <p class="point">{prose(point(trend))}</p>
 {_primary_table(trend, names)}
 <h2>Runs that passed, by cell</h2>
-{_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
+{_cell_tables(trend, names)}
 <h2>{"Other figures" if trend.primary else "Figures"} that differ, medians by cell</h2>
 {_figure_tables(trend, names)}
 <p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
@@ -147,9 +150,25 @@ def _setting_table(trend: Trend, names: Sequence[str]) -> str:
     return f"<h2>Settings that differ</h2>{cells(('setting', names[0], names[-1]), rows, 'narrow settings')}"
 
 
-def _cells(trend: Trend) -> Sequence[CellChange]:
-    """Return the row over all cells, if there are several cells, and the row of each cell."""
-    return (trend.overall, *trend.cells) if len(trend.cells) > 1 else trend.cells
+def _cells(trend: Trend) -> tuple[Sequence[CellChange], Sequence[CellChange]]:
+    """Return the row over all cells with the cells that differ, and the cells that are the same in all results. A
+    single cell has no row over all cells.
+    """
+    if len(trend.cells) == 1:
+        return trend.cells, ()
+    differing = [row for row in trend.cells if len(set(map(_count, row.tallies))) > 1]
+    return [trend.overall, *differing], [row for row in trend.cells if row not in differing]
+
+
+def _cell_tables(trend: Trend, names: Sequence[str]) -> str:
+    """Render the counts of runs by cell; the cells that are the same in all results are folded."""
+    columns = ("cell", *names, "p", "adjusted", "")
+    differing, same = (
+        _render_marked(columns, [(_cell_row(row), row.change) for row in rows]) if rows else ""
+        for rows in _cells(trend)
+    )
+    count = len(_cells(trend)[1])
+    return differing + fold(f"<h2>{count} more cells, the same in all results</h2>{same}" * bool(same))
 
 
 def _cell_row(row: CellChange) -> tuple[str, ...]:
@@ -162,7 +181,10 @@ def _count(tally: Tally) -> str:
 
 
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
-    medians = (_median_text(row, *pair) for pair in zip(row.medians, row.intervals, strict=True))
+    medians = (
+        "∞" if count and median is None else _median_text(row, median, interval)
+        for count, median, interval in zip(row.runs, row.medians, row.intervals, strict=True)
+    )
     test = _probability(row.probability), _probability(row.adjusted), row.change.value
     return row.label, row.cell, *medians, *test
 

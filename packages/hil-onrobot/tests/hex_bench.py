@@ -2,15 +2,13 @@
 
 from typing import Any
 
-import numpy as np
 from hil_onrobot.faults import HEX_FAULTS
 from hil_onrobot.messages import RECORD, Command, encode_request
 from hil_onrobot.profile import HexProfile
 from hil_onrobot.sensor import HexSensor
 
 from emulators.faults import Ledger
-from emulators.seams import Floats
-from emulators.sensing import KnownWrench
+from emulators.sensing import SteppedWrench
 from protocol.datagram import Datagram
 from protocol.geometry import Wrench
 
@@ -40,21 +38,14 @@ class Bench:
 
     def __init__(self, **settings: Any) -> None:
         self.now = EPOCH
-        self._times, self._pushed = [0.0], [LOAD]
-        self.source = KnownWrench(self._loads)
+        self.source = SteppedWrench(LOAD)
         self.sensor = HexSensor(HexProfile(**QUIET | settings), self.source, EPOCH, 1)
         self.ledger = Ledger(HEX_FAULTS)
         for target, handlers in self.sensor.handlers.items():
             self.ledger.attach(target, handlers)
 
-    def _loads(self, times: Floats) -> Floats:
-        loads: Floats = np.array(self._pushed)[np.searchsorted(self._times, times, side="right") - 1]
-        return loads
-
     def push(self, load: Wrench) -> None:
-        self._times.append(self.now)
-        self._pushed.append(load)
-        self.source.on_change(self.now)
+        self.source.step(load, self.now)
 
     def send(self, command: Command, value: int = 0, side: Any = HERE) -> None:
         self.send_bytes(encode_request(command, value), side)

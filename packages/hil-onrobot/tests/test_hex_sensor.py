@@ -19,7 +19,7 @@ from hil_onrobot.messages import (
 from hil_onrobot.profile import HexProfile
 from hil_onrobot.sensor import HexSensor
 
-from emulators.sensing import KnownWrench
+from emulators.sensing import SteppedWrench
 from protocol.datagram import Datagram
 from protocol.marks import SettingError
 
@@ -193,7 +193,7 @@ def test_session_of_public_client_is_repeated_to_the_byte(name: str) -> None:
     lines = Path(__file__).with_name(name).read_text().splitlines()
     head, steps = dict(line.split(": ", 1) for line in lines[:5]), [line.split() for line in lines[5:]]
     load, began = json.loads(head["load"]), 1000.0
-    source = KnownWrench(lambda times: np.tile(load, (len(times), 1)))
+    source = SteppedWrench(load)
     sensor = HexSensor(HexProfile(**json.loads(head["settings"])), source, began, 1)
     for time, who, text in steps:
         now = began + float(time) / 1e3

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from hil_schunk.client import FtsClient, Port
 from hil_schunk.client_settings import FtsClientSettings
 from hil_schunk.connection import Connection
@@ -13,8 +12,7 @@ from hil_schunk.profile import FtsProfile
 from hil_schunk.sensor import FtsSensor
 
 from emulators.faults import Ledger
-from emulators.seams import Floats
-from emulators.sensing import KnownWrench
+from emulators.sensing import SteppedWrench
 from protocol.geometry import Wrench
 from protocol.pieces import Piece
 
@@ -39,21 +37,14 @@ class Bench:
 
     def __init__(self, load: Wrench = LOAD, **settings: Any) -> None:
         self.now = EPOCH
-        self._times, self._pushed = [0.0], [load]
-        self.source = KnownWrench(self._loads)
+        self.source = SteppedWrench(load)
         self.sensor = FtsSensor(FtsProfile(**QUIET | settings), self.source, EPOCH, 1)
         self.ledger = Ledger(FTS_FAULTS)
         for target, handlers in self.sensor.handlers.items():
             self.ledger.attach(target, handlers)
 
-    def _loads(self, times: Floats) -> Floats:
-        loads: Floats = np.array(self._pushed)[np.searchsorted(self._times, times, side="right") - 1]
-        return loads
-
     def push(self, load: Wrench) -> None:
-        self._times.append(self.now)
-        self._pushed.append(load)
-        self.source.on_change(self.now)
+        self.source.step(load, self.now)
 
     def connect(self, side: Any = HOST) -> Connection:
         connection = self.sensor.connect(side, self.now)

@@ -21,7 +21,7 @@ from hil_schunk.profile import FtsProfile
 from hil_schunk.sensor import FtsSensor
 from schunk_bench import EPOCH, HOST, LOAD, Bench
 
-from emulators.sensing import KnownWrench
+from emulators.sensing import SteppedWrench
 from protocol.marks import SettingError
 
 
@@ -269,7 +269,7 @@ def test_session_of_the_makers_library_is_repeated_to_the_byte() -> None:
     lines = Path(__file__).with_name("schunk-library.txt").read_text().splitlines()
     head, steps = dict(line.split(": ", 1) for line in lines[:5]), [line.split() for line in lines[5:]]
     load = json.loads(head["load"])
-    source = KnownWrench(lambda times: np.tile(load, (len(times), 1)))
+    source = SteppedWrench(load)
     began = 1000.0
     sensor = FtsSensor(FtsProfile(**json.loads(head["settings"])), source, began, 1)
     connection, answers = None, b""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeAlias
 
+from emulators.arm.joint_loops import six
 from emulators.orders import Act, Reach, ReceivedOrder
 from hil_xarm.arms import from_box, to_box
 from hil_xarm.box import Box
@@ -37,6 +38,8 @@ class Commands:
     def __init__(self, box: Box) -> None:
         self._box = box
         self._reach = Reach(_SERVO_S, box.profile.tool_speed_mm_s / 1e3, _TURN_RAD_S)
+        self._end = box.motion.set_point
+        """Joints at the end of the newest planned motion."""
         self._handlers: Mapping[int, Handler] = {
             Function.VERSION: lambda data, now: _text(version_text(box)),
             Function.SERIALS: self._serials,
@@ -51,6 +54,7 @@ class Commands:
             Function.MOVE_LINE: self._move_line,
             Function.MOVE_JOINTS: self._move_joints,
             Function.MOVE_HOME: self._move_home,
+            Function.MOVE_RELATIVE: self._move_relative,
             Function.SERVO_JOINTS: self._servo_joints,
             Function.SERVO_POSE: self._servo_pose,
             Function.TCP_OFFSET: self._set_tcp,
@@ -162,13 +166,31 @@ class Commands:
         box.servo(joints, now)
 
     def _move_line(self, data: bytes, now: float) -> Answer:
-        pose, (speed, acceleration) = _pose(data), unpack_floats(data[24:], 2)
+        return self._plan_line(now, _pose(data), *unpack_floats(data[24:], 2))
+
+    def _move_relative(self, data: bytes, now: float) -> Answer:
+        """Move from the end of the newest planned motion. Assumed: roll, pitch and yaw are added one by one."""
+        numbers, start = unpack_floats(data, 9), self._end if self._box.queued else self._box.motion.set_point
+        by_joints, by_axis_angle = _bytes(data[44:], 2)
+        if by_joints:
+            joints = six([q + change for q, change in zip(start, _degrees(numbers), strict=True)])
+            self._plan_joints(now, joints, *numbers[7:])
+            return bytes((0, 0, 0))
+        if by_axis_angle:
+            self._box.unmodelled.touch("relative motion by axis and angle", "answered as a wrong parameter")
+            raise RemoteProtocolError("a relative motion by axis and angle")
+        pose = to_box(self._box.pose_of(start))
+        goal = [at + change for at, change in zip(pose, numbers[:6], strict=True)]
+        return self._plan_line(now, _pose(pack_floats(*goal)), *numbers[7:])
+
+    def _plan_line(self, now: float, pose: Pose, speed: float, acceleration: float) -> Answer:
         box, pace = self._box, Pace(max(speed, 0.1) / 1e3, max(acceleration, 1.0) / 1e3)
         tip = box.motion.chain.tip_of(self._flange_of(pose))
-        if box.joints_of(pose) is None and box.motion.chain.nearest(tip, box.motion.set_point) is None:
+        joints = box.joints_of(pose) or box.motion.chain.nearest(tip, box.motion.set_point)
+        if joints is None:
             box.warning = Warning.NO_SOLUTION
             return bytes((0, 0, Warning.NO_SOLUTION))
-        self._plan(now, pose, lambda: box.motion.move_line(tip, pace))
+        self._plan(now, pose, joints, lambda: box.motion.move_line(tip, pace))
         return bytes((0, 0, 0))
 
     def _move_joints(self, data: bytes, now: float) -> Answer:
@@ -187,10 +209,11 @@ class Commands:
             box.fail(Error.JOINT_LIMIT)
             return
         pace = Pace(math.degrees(speed), math.degrees(acceleration)) if speed > 0.0 else _HOME_PACE
-        self._plan(now, box.pose_of(joints), lambda: box.motion.move_joints(joints, pace))
+        self._plan(now, box.pose_of(joints), joints, lambda: box.motion.move_joints(joints, pace))
 
-    def _plan(self, now: float, pose: Pose, motion: Callable[[], object]) -> None:
-        accepted = self._box.plan(motion)
+    def _plan(self, now: float, pose: Pose, joints: PerAxis, motion: Callable[[], object]) -> None:
+        if accepted := self._box.plan(motion):
+            self._end = joints
         chain = self._box.motion.chain
         reach = self._reach._replace(plans_own_path=True)
         at = chain.tip_of(self._flange_of(pose))

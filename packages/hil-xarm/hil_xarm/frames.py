@@ -55,6 +55,7 @@ class Function(IntEnum):
     INVERSE = 43
     FORWARD = 44
     TORQUES = 55
+    MOVE_RELATIVE = 83
     POSE_AXIS_ANGLE = 91
     FORCE_OLD = 150
     FORCE = 200

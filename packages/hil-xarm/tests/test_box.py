@@ -214,6 +214,23 @@ def test_home_is_the_posture_with_all_joints_at_zero() -> None:
     assert unpack_floats(desk.ask(Function.POSE).data, 3) == pytest.approx((207.0, 0.0, -88.0), abs=1e-3)
 
 
+def test_relative_motions_begin_where_the_one_before_ends() -> None:
+    desk = Desk()
+    desk.prepare(Mode.POSITION)
+    for x, y, z in ((20.0, 0.0, 0.0), (0.0, 50.0, 10.0)):
+        numbers = (x, y, z, 0.0, 0.0, 0.0, 0.0, 100.0, 2000.0, 0.0, -1.0)
+        assert desk.ask(Function.MOVE_RELATIVE, pack_floats(*numbers) + bytes(2)).state == 0
+    desk.wait(1.5)
+    assert desk.report["pose"][:3] == pytest.approx((420.0, -50.0, 210.0), abs=1e-2)
+    before = desk.report["joints"]
+    turn = (0.1, 0.0, 0.0, 0.0, 0.0, -0.2, 0.0, 1.0, 10.0, 0.0, -1.0)
+    desk.ask(Function.MOVE_RELATIVE, pack_floats(*turn) + b"\1\0")
+    desk.wait(1.0)
+    changes = [after - at for after, at in zip(desk.report["joints"], before, strict=True)]
+    assert changes == pytest.approx(turn[:7], abs=1e-4)
+    assert desk.ask(Function.MOVE_RELATIVE, pack_floats(*turn) + b"\0\1").state == Bit.WARNING
+
+
 # --- reports
 
 

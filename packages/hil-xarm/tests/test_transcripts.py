@@ -6,7 +6,6 @@ A line is a time in s, and `open`, `close` with a connection, or a connection wi
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from hil_xarm.force import ForceSensor
 from hil_xarm.frames import Bit, FrameReader, Function, Reply
@@ -16,7 +15,7 @@ from hil_xarm.robot import XarmRobot
 from xarm_desk import START, T0
 
 from emulators.orders import Act, ReceivedOrder
-from emulators.sensing import KnownWrench
+from emulators.sensing import SteppedWrench
 
 FOLDER = Path(__file__).parent / "transcripts"
 LOAD = (1.0, -2.0, 4.9, 0.1, 0.0, 0.0)
@@ -28,9 +27,7 @@ class Replay:
     def __init__(self, name: str) -> None:
         profile = XarmProfile()
         self.robot = XarmRobot(profile, START, T0, 7)
-        self.robot.equip(
-            ForceSensor(profile, KnownWrench(lambda times: np.tile(LOAD, (len(times), 1))), T0, 7)
-        )
+        self.robot.equip(ForceSensor(profile, SteppedWrench(LOAD), T0, 7))
         self.orders: list[ReceivedOrder] = []
         self.robot.orders.listener = self.orders.append
         self.ends: dict[str, Any] = {}
