@@ -122,10 +122,10 @@ class _PlanReader:
         if self._problems:
             raise PlanErrors(self._problems)
         plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required, primary)
-        self._check_whole(plan)
+        self._check_complete(plan)
         return plan
 
-    def _check_whole(self, plan: Plan) -> None:
+    def _check_complete(self, plan: Plan) -> None:
         """Check what concerns the complete plan. Raises PlanErrors."""
         for place, one in enumerate(plan.primary):
             if one.case not in plan.labels:
