@@ -19,15 +19,16 @@ CYCLE, TRUTH, STREAM = "cycle", "truth", "stream"
 """Names of the sources; the last two are also names of layers."""
 TIME = "time"
 _AXES = "xyz"
+_OTHERS_PX = 150
+"""Height of every chart but the first, px. Chosen: charts side by side align."""
 _DEFLECTION = Chart(
     "deflection",
-    "Deflection of the tool from the position that the encoders measure (truth)",
+    "Tool deflection (truth)",
     "µm",
     (
         Series(TRUTH, "deflection", "against the approach", "truth", layer=TRUTH),
         Series(TRUTH, "deflection_across", "across the approach", "2", width=1.0, layer=TRUTH),
     ),
-    height_px=170,
     zero=True,
     quiet_span=LEAST_DEFLECTION_UM,
 )
@@ -71,7 +72,10 @@ def layers(truth: bool, stream: bool) -> list[Layer]:
 
 def catalogue(facts: ChartFacts) -> list[Chart]:
     """Return every chart of a run, in display order."""
-    return [*_contact(facts), *_motion(facts), *_control(), *_times(facts), *_program()]
+    force, *across = _contact(facts)
+    depth, *motion = _motion(facts)
+    others = [depth, _DEFLECTION, *across, *motion, *_control(), *_times(facts), *_program()]
+    return [force, *(replace(chart, height_px=_OTHERS_PX) for chart in others)]
 
 
 def _contact(facts: ChartFacts) -> list[Chart]:
@@ -92,7 +96,6 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             zero=True,
             least_span=2.0,
         ),
-        _DEFLECTION,
         Chart(
             "lateral",
             "Force across the approach",
@@ -104,7 +107,6 @@ def _contact(facts: ChartFacts) -> list[Chart]:
                 Series(CYCLE, "resultant", "resultant, along included", "7", width=1.0),
             ),
             limits=_limits(facts, RESULTANT),
-            height_px=150,
             zero=True,
             least_span=1.0,
             quiet_span=0.0,
@@ -118,7 +120,6 @@ def _contact(facts: ChartFacts) -> list[Chart]:
                 Series(CYCLE, "moment", "magnitude", "7", width=1.0),
             ),
             limits=_limits(facts, MOMENT),
-            height_px=150,
             zero=True,
             least_span=0.1,
             quiet_span=0.0,
@@ -133,7 +134,6 @@ def _motion(facts: ChartFacts) -> list[Chart]:
             "Position of the tool from the start point, base frame",
             "mm",
             tuple(Series(CYCLE, f"position_{axis}", axis, f"{k + 1}") for k, axis in enumerate(_AXES)),
-            height_px=170,
             least_span=0.5,
         )
     ]
@@ -148,7 +148,6 @@ def _motion(facts: ChartFacts) -> list[Chart]:
                 Series(TRUTH, "depth", "true", "truth", dashed=True, layer=TRUTH),
             ),
             limits=_limits(facts, DEPTH),
-            height_px=220,
             least_span=0.5,
         ),
         Chart(
@@ -159,7 +158,6 @@ def _motion(facts: ChartFacts) -> list[Chart]:
                 Series(CYCLE, "travel_commanded", "along, commanded", "2", "step"),
                 Series(CYCLE, "across_commanded", "across, commanded", "3", "step"),
             ),
-            height_px=140,
             quiet_span=0.0,
         ),
         *(places if facts.foreign else ()),
@@ -171,7 +169,6 @@ def _motion(facts: ChartFacts) -> list[Chart]:
                 Series(CYCLE, "correction", "correction", "6", "bars"),
                 Series(CYCLE, "rests", "within the dead band", "3", "points"),
             ),
-            height_px=150,
             zero=True,
             least_span=0.05,
         ),
@@ -196,7 +193,6 @@ def _control() -> list[Chart]:
             "N/m",
             (Series(CYCLE, "stiffness", "estimate", "3"),),
             log=True,
-            height_px=150,
         ),
         Chart(
             "gain",
@@ -204,7 +200,6 @@ def _control() -> list[Chart]:
             "",
             (Series(CYCLE, "gain", "gain", "8"),),
             zero=True,
-            height_px=120,
             quiet_span=0.0,
         ),
     ]
@@ -237,7 +232,6 @@ def _times(facts: ChartFacts) -> list[Chart]:
                 (Series(CYCLE, "answer_ms", "answer", "4"),),
                 limits=() if cycle_s is None else (Limit(1e3 * cycle_s, "robot's cycle"),),
                 zero=True,
-                height_px=140,
             )
         )
     return charts
@@ -253,7 +247,6 @@ def _program() -> list[Chart]:
             (Series(CYCLE, FEED, "feed", "6", "step"),),
             limits=(Limit(100.0, "full speed", "target", shown=True),),
             zero=True,
-            height_px=130,
             quiet_span=0.0,
         ),
         Chart(
@@ -283,7 +276,6 @@ def _program() -> list[Chart]:
             ),
             zero=True,
             least_span=1.0,
-            height_px=140,
         ),
     ]
 

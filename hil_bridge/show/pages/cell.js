@@ -323,13 +323,13 @@ var HilCell = (() => {
     label(reported, truth) {
       const {eye, box} = this.views.find(view => view.name === "tool" || this.views.length === 1), push = (truth || reported).push;
       const place = this.arrowEnd && projected(eye, this.arrowEnd, box), left = box.left / this.ratio;
-      const newton = push ? size(push) : 0, text = place && place.front ? `${newton.toFixed(newton < 10 ? 2 : newton < 100 ? 1 : 0)} N` : "";
+      const newton = push ? size(push) : 0, text = place && place.front ? `${newton.toFixed(newton < 9.995 ? 2 : newton < 99.95 ? 1 : 0)} N` : "";
       this.tag.hidden = !text || (!this.wide && this.near !== "tool");
       if (this.tag.textContent !== text) this.tag.textContent = text;
-      const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - 72;
+      const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - this.tag.offsetWidth - 4;
       if (text) this.tag.style.transform = `translate(${Math.round(Math.max(Math.min(place.x / this.ratio + 12, most), left))}px, ${Math.round(Math.max(place.y / this.ratio - 12, 4))}px)`;
-      const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", "total force on the tool"]];
-      if (truth) keys.push(["ghost", this.isOld ? "no report of the tool" : `reported tool, ${(this.apart * 1e3).toFixed(2)} mm off`]);
+      const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", truth ? "true total force" : "total force"]];
+      if (truth) keys.push(["ghost", this.isOld ? "no report of the tool" : `reported, ${(this.apart * 1e3).toFixed(2)} mm off`]);
       keys.forEach(([name, words], k) => {
         const span = this.key.children[k] || this.key.appendChild(element("span"));
         if (span.textContent !== words) { span.textContent = words; span.className = name; }

@@ -225,13 +225,14 @@ var HilCharts = (() => {
       this.more.addEventListener("click", () => { this.options.first = null; this.build(); });
       bar.append(this.more);
       this.note = element("div", "hil-note", this.hint());
+      this.note.title = this.isNamed() ? "" : "shift and drag moves, ctrl and wheel zooms";
       bar.append(this.note);
       return bar;
     }
 
     hint() {
       return this.isNamed() ? "" : matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
-        : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all";
+        : "drag zooms · double click resets";
     }
 
     fillPlaces() {
@@ -363,6 +364,7 @@ var HilCharts = (() => {
       for (const chart of this.charts) chart.plot.destroy();
       this.stack.replaceChildren();
       const shown = this.shown();
+      this.isGrid = getComputedStyle(this.stack).display === "grid";   // charts side by side align: none has the axis' label
       this.charts = shown.map((spec, index) => this.makeChart(spec, index, shown));
       this.show();
     }
@@ -377,14 +379,14 @@ var HilCharts = (() => {
 
     makeChart(spec, index, shown) {
       const axis = spec.axis || "time";
-      const last = !shown.slice(index + 1).some(other => (other.axis || "time") === axis);
-      const lines = [...(spec.series || [])];
-      const bands = [];
-      for (const band of spec.bands || []) {   // uPlot fills between two adjacent series
+      const last = !this.isGrid && !shown.slice(index + 1).some(other => (other.axis || "time") === axis);
+      const lines = [], bands = [];
+      for (const band of spec.bands || []) {   // uPlot fills between two adjacent series; every line is drawn on the bands
         bands.push({series: [lines.length + 2, lines.length + 1], fill: this.colour(band.colour || "faint") + (band.colour ? "38" : "88")});
-        const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: band.colour ? 0.4 : 1, label: band.label};
+        const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: 0.4, label: band.label};
         lines.push({...edge, column: band.low, edge: "least"}, {...edge, column: band.high, edge: "greatest"});
       }
+      lines.push(...(spec.series || []));
       const box = element("div", "hil-chart"), chart = {spec, axis, lines, first: index === 0, last, box};
       box.dataset.chart = spec.id;
       const title = element("div", "hil-title", spec.title + " ");
