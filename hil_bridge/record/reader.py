@@ -67,6 +67,8 @@ class Recording:
     """Origin of a recording made by another program; None for the recording of a run."""
     written_at: float | None = field(default=None, compare=False)
     """UNIX time at which the file was written, s; None without a file."""
+    file: str = field(default="", compare=False)
+    """Name of the file; empty without a file."""
 
 
 NO_CYCLE = "the run ended before its first control cycle; `hil-bridge why` explains the cause"
@@ -90,13 +92,13 @@ def read(path: Path) -> Recording:
     contents = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP))
     if not contents.finished and not contents.records[CYCLE.name] and not contents.records[EVENT.name]:
         raise ConfigError(f"{path} ends or is damaged before the first event: record the run again")
-    return dated(_recording(contents), path)
+    return with_file(_recording(contents), path)
 
 
-def dated(recording: Recording, path: Path) -> Recording:
-    """Return the recording with the modification time of its file, if the file exists."""
+def with_file(recording: Recording, path: Path) -> Recording:
+    """Return the recording with name and modification time of its file, if the file exists."""
     try:
-        return replace(recording, written_at=path.stat().st_mtime)
+        return replace(recording, written_at=path.stat().st_mtime, file=path.name)
     except OSError:
         return recording
 

@@ -19,7 +19,7 @@ from hil_bridge.record.analysis.steps import step_lines
 from hil_bridge.record.analysis.summary import Summary, summarise, target_force_text
 from hil_bridge.record.files import check_place, check_record_path
 from hil_bridge.record.next_commands import RunPlaces
-from hil_bridge.record.reader import dated
+from hil_bridge.record.reader import with_file
 from hil_bridge.settings.configuration import Config, load_config
 
 if TYPE_CHECKING:
@@ -153,7 +153,9 @@ def write_outputs(
     try:
         recording = recorded()
         if outputs.record is not None:
-            recording = dated(recording, outputs.record)
+            recording = with_file(recording, outputs.record)
+        if outputs.temporary:
+            recording = replace(recording, file="")
     except BridgeError as error:
         return lines, [error]
     summary = summarise(recording, end if recording.truncated else None)

@@ -128,6 +128,15 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
     assert "default-src 'none'" in text
 
 
+def test_page_warns_of_busy_computer_and_copies_command() -> None:
+    one = run_scenario(EgmClient, "blind", "stopped")
+    one.seen.late_s = 0.2
+    text = conform_page(robot_trial(), [one], COMMAND, TESTED_AT)
+    assert '<p class="bar caution">Note: this process was late by up to 200 ms in stopped: a busy' in text
+    assert "</code><button type=" in text
+    assert "[data-copy]" in text
+
+
 def test_page_joins_names_of_failed_scenarios() -> None:
     failed = run_scenario(EgmClient, "blind", "stopped")
     text = conform_page(robot_trial(), [replace(failed, name=name) for name in "abc"], COMMAND, TESTED_AT)

@@ -3,10 +3,12 @@
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventKind, EventRecord, Recording
@@ -61,7 +63,8 @@ def test_compare_aligns_runs_at_contact() -> None:
         {"value": 50.0, "label": "force limit"},
     ]
     rows = re.findall(
-        r"<tr><td>([\w.<>]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("Settings that differ")[2]
+        r"<tr><td>([\w.<>]+)</td><td>(.*?)</td><td>(.*?)</td></tr>",
+        page.partition("Settings that differ")[2].partition("How they ended")[0],
     )
     assert [row[0] for row in rows] == ["run.<wbr>seed", "more"], "equal values are omitted"
     assert rows[0][1:] == ("1", "2")
@@ -79,24 +82,43 @@ def test_compare_folds_many_settings() -> None:
     assert '<details class="fold"><summary><h2>Settings that differ: 7</h2></summary>' in page
 
 
-def test_compare_begins_with_outcomes_and_settings() -> None:
+def test_compare_begins_with_charts_and_figures() -> None:
     first = run(9.0, 20, {"run": {"seed": 1}, "task": {"force_n": 9.0}})
     second = run(9.0, 20, {"run": {"seed": 2}, "task": {"force_n": 9.0}, "cell": {"new": 1}})
     page = compare_page({"a": first, "b": second})
     parts = (
         '<p class="point">Overshoot 0.0 % in <code>a</code>, 0.0 % in <code>b</code>; RMS error 1.00 N in',
         "runs completed; <code>run.seed</code> differs.</p>",
-        "<td>outcome</td>",
+        'data-charts="data-runs" data-first="1"',
         '<td class="quiet">overshoot</td>',
         "<td>run.<wbr>seed</td><td>1</td><td>2</td>",
         '<details class="fold"><summary><h2>Settings that only some runs have: 1</h2></summary>',
         "<td>cell.<wbr>new</td><td>–</td><td>1</td>",
-        'data-charts="data-runs" data-first="1"',
+        "<td>outcome</td>",
         '<details class="fold"><summary><h2>Other figures</h2></summary>',
         '<td class="quiet">mean contact force</td>',
     )
     assert sorted(parts, key=page.index) == [*parts]
     assert "no setting differs" in compare_page({"a": first, "b": first})
+
+
+def test_compare_of_two_runs_has_differences() -> None:
+    first, second, third = (run(force_n, 20, {}) for force_n in (8.0, 9.5, 9.0))
+    page = compare_page({"a": first, "b": second})
+    line = "".join(f'<td class="">{text}</td>' for text in ("RMS error", "2.00 N", "0.50 N", "−1.50 N"))
+    assert "<th>b − a</th>" in page
+    assert line in page
+    assert "<th>b − a</th>" not in compare_page({"a": first, "b": second, "c": third})
+
+
+def test_compare_draws_target_of_each_run_if_they_differ() -> None:
+    first = run(9.0, 20, {})
+    second = replace(first, cycles=tuple(structs.replace(one, force_reference=12.0) for one in first.cycles))
+    (text,) = re.findall(r'id="data-runs">(.*?)</script>', compare_page({"a": first, "b": second}), re.DOTALL)
+    drawn = json.loads(text)
+    lines = [(one["label"], one["colour"], one.get("dashed")) for one in drawn["charts"][0]["series"]]
+    assert lines == [("a", "1", None), ("a, target", "1", True), ("b", "2", None), ("b, target", "2", True)]
+    assert {*drawn["sources"]["run1"]["force_reference"]} == {12.0}
 
 
 def test_compare_describes_faults_in_words() -> None:

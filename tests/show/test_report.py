@@ -199,6 +199,16 @@ def test_report_gives_command_for_a_tool_left_in_contact() -> None:
     assert line in page(recording, summarise(recording))
 
 
+def test_page_of_stopped_run_names_fault_and_command() -> None:
+    fault = FaultNote("robot", "emergency-stop", FaultStage.BEGINS)
+    events = (EventRecord(24.0, EventKind.FAULT, "text", fault=fault),)
+    recording = dataclasses.replace(run(), end=END.as_metadata(), events=events, file="my run.mcap")
+    text = page(recording, summarise(recording))
+    assert "<p>Injected fault: robot: emergency-stop.</p>" in text
+    assert "<code>hil-bridge why &#x27;my run.mcap&#x27;</code><button" in text
+    assert "[data-copy]" in text
+
+
 def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
     recording = run()
     base = recording.cycles[0]

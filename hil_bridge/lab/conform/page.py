@@ -14,6 +14,7 @@ from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.show.pages import document
 from hil_bridge.show.pages.timeline import timeline
 from hil_bridge.show.report.markup import across, cells, fold, pairs, prose
+from hil_bridge.show.report.markup import command as render_command
 from protocol.marks import settings
 
 _SIGNS = {Outcome.PASSED: ("good", "✓"), Outcome.FAILED: ("bad", "✗"), Outcome.SKIPPED: ("none", "–")}
@@ -35,9 +36,8 @@ def conform_page(
     style, outcome = ("bad", "failed") if failed else ("good", "passed")
     if all(one.verdict.outcome is Outcome.SKIPPED for one in results):
         style, outcome = "plain", "not tested"
-    notes = "".join(
-        f'<p class="quiet">Note: {escape(text)}.</p>' for text in (*lateness(results), *not_modelled(results))
-    )
+    notes = "".join(f'<p class="bar caution">Note: {escape(text)}.</p>' for text in lateness(results))
+    notes += "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
     body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{outcome}</span></header>
 <p class="quiet">Client <code title="{escape(shlex.join(command))}">{escape(short)}</code>, {tested}
@@ -100,7 +100,7 @@ def _failure(trial: Trial[Any], one: ScenarioResult[Any], client: Sequence[str])
     """Render a failed scenario: the time line, how to repeat it, and the evidence."""
     return f"""<section id="{escape(one.name)}"><h2>{escape(one.name)}: {escape(one.meaning)}</h2>
 {timeline(trial.timeline(one.name, one.seen))}
-<p>Repeat it: <code>{escape(repeat_command(trial, one.name, client))}</code></p>
+{render_command("Repeat it", repeat_command(trial, one.name, client))}
 {"".join(_details(one))}</section>"""
 
 

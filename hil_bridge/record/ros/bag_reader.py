@@ -16,7 +16,7 @@ from hil_bridge.control.sample import Sample
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record.foreign import BASE_FRAME, POSE, TARGET, TOOL_FRAME, WRENCH, BagChoices, Foreign
-from hil_bridge.record.reader import Recording, dated, read
+from hil_bridge.record.reader import Recording, read, with_file
 from hil_bridge.record.records import CycleRecord
 from hil_bridge.record.ros.bag_file import is_bag, read_messages
 from hil_bridge.record.ros.messages import message_store
@@ -61,7 +61,7 @@ def read_bag(path: Path, choices: BagChoices | None = None) -> Recording:
         unix_zero_ns=int(samples.stamps_ns[0]),
         foreign=origin,
     )
-    return dated(recording, path)
+    return with_file(recording, path)
 
 
 class _Samples(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from hil_bridge.show.pages.assets import cell_script, chart_script, style
+from hil_bridge.show.pages.assets import asset, cell_script, chart_script, style
 from hil_bridge.show.pages.description import Charts
 
 _DATA = """
@@ -84,6 +84,7 @@ def document(title: str, body: str, charts: bool = True, cell: bool = False) -> 
     """
     parts = [_DATA] if charts or cell else []
     parts += [chart_script(), _DRAW] if charts else []
+    parts += [asset("copy.js")] if " data-copy" in body else []
     parts += [cell_script(), _DRAW_CELL] if cell else []
     script = "\n".join(parts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -9,8 +9,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.definition import UNKNOWN
-from hil_bridge.record.analysis.figures import FIGURES
+from hil_bridge.record.analysis.definition import UNKNOWN, concise
+from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
 from hil_bridge.record.analysis.why import why_values
@@ -26,7 +26,7 @@ from hil_bridge.show.report.bag_page import assumptions_table
 from hil_bridge.show.report.differences import ABSENT, between
 from hil_bridge.show.report.figures import contact_rows, figure_tables, merit_rows, response_rows
 from hil_bridge.show.report.identity import identity_rows
-from hil_bridge.show.report.markup import across, badge, fold, prose, setting_cells, table
+from hil_bridge.show.report.markup import across, badge, fold, note, prose, setting_cells, table
 
 RUNS_MOST = 8
 """Maximum number of runs in a comparison, which is the number of distinguishable colours."""
@@ -38,6 +38,8 @@ _RESULTS = tuple(FIGURES[key].words for key in ("overshoot_percent", "rms_error_
 """Figures in the first sentence, by their labels."""
 _RESULTS_MOST = 4
 """Maximum number of runs whose figures are in the first sentence. Chosen: two lines of text."""
+_TARGET = "force_reference"
+"""Column of the target force."""
 TOUCH, BEGIN = "touch", "begin"
 """Event at 0 s: the start of the first tracking, or the start of the run."""
 COMPARED = {
@@ -88,12 +90,13 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     body = f"""<h1>{len(runs)} runs compared</h1>
 <p class="point">{prose(_results(dict(zip(runs, figures, strict=True))))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
-<h2>How they ended</h2>
-{_side_by_side(runs, [*_ends(runs, summaries), *_figure_lines(figures, merits)])}
-{_settings(ours, settings, only_some)}
 <h2>Course</h2>
-{room("runs", charts, first=1)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
-{fold(f"<h2>Other figures</h2>{_side_by_side(runs, _figure_lines(figures, merits, others=True))}")}
+{room("runs", charts, first=1)}{note(left_out)}
+<div class="pair"><section><h2>Figures of merit</h2>{_figure_table(summaries, figures, merits)}</section>
+<section>{_settings(ours, settings, only_some)}</section></div>
+<h2>How they ended</h2>
+{_side_by_side(runs, _ends(runs, summaries), "sides")}
+{fold(f"<h2>Other figures</h2>{_figure_table(summaries, figures, merits, others=True)}")}
 {_bags(runs)}"""
     return document(f"compared: {', '.join(runs)}", body)
 
@@ -152,13 +155,14 @@ def _ends(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) -> It
     yield f"<td>why</td>{''.join(f'<td>{prose(why_values(runs[name]).point)}</td>' for name in runs)}"
 
 
-def _side_by_side(runs: Mapping[str, Recording], lines: Iterable[str]) -> str:
-    """Render a table with a column for each run, in the colour of its curves."""
+def _side_by_side(runs: Iterable[str], lines: Iterable[str], style: str, last: str = "") -> str:
+    """Render a table with a column for each run, in the colour of its curves, and perhaps a last column."""
     heads = "".join(
         f'<th><i class="swatch" style="background:var(--c{place})"></i>{escape(name)}</th>'
         for place, name in enumerate(runs, 1)
     )
-    return across(table(lines, "sides", f"<thead><tr><th></th>{heads}</tr></thead>"))
+    heads += f"<th>{escape(last)}</th>" if last else ""
+    return across(table(lines, style, f"<thead><tr><th></th>{heads}</tr></thead>"))
 
 
 def _with_settings(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
@@ -191,6 +195,7 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
     sources = Sources()
     series: dict[str, list[Series]] = {chart: [] for chart in COMPARED}
     marks: list[Mark] = []
+    targets = _same_target(list(runs.values())) is None
     for place, (name, recording) in enumerate(runs.items()):
         zero = _zero(recording, align)
         layer, colour = f"run{place}", f"{place + 1}"
@@ -198,8 +203,22 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
         for chart, column in COMPARED.items():
             if column not in table or not np.isfinite(table[column]).any():
                 continue
-            source = sources.add(layer, chart, table["x"], {column: table[column]})
+            columns = (column, _TARGET) if chart == "force" and targets and _TARGET in table else (column,)
+            source = sources.add(layer, chart, table["x"], {one: table[one] for one in columns})
             series[chart].append(Series(source, column, name, colour, layer=layer))
+            if _TARGET in columns:
+                series[chart].append(
+                    Series(
+                        source,
+                        _TARGET,
+                        f"{name}, target",
+                        colour,
+                        "step",
+                        dashed=True,
+                        width=1.0,
+                        layer=layer,
+                    )
+                )
         marks += [
             replace(mark, text=f"{name}: {mark.text}", layer=layer)
             for mark in run_marks(recording, zero)
@@ -264,15 +283,42 @@ def _figures_of(recording: Recording, summary: Summary) -> dict[str, str]:
     return dict(identity_rows(recording, summary)) | {row.label: row.value for row in listed}
 
 
-def _figure_lines(
-    figures: Sequence[Mapping[str, str]], merits: Sequence[str], others: bool = False
-) -> Iterator[str]:
-    """Yield a line for each figure of merit or, with `others`, for each other figure that a run has. If all runs
-    have the same value, the line is grey.
+def _figure_table(
+    summaries: Mapping[str, Summary],
+    figures: Sequence[Mapping[str, str]],
+    merits: Sequence[str],
+    others: bool = False,
+) -> str:
+    """Render each figure of merit or, with `others`, each other figure that a run has; of two runs, also the
+    difference.
     """
+    changes = _changes(*summaries.values()) if len(summaries) == 2 else None
+    last = "" if changes is None else " − ".join(reversed([*summaries]))
+    return _side_by_side(summaries, _figure_lines(figures, merits, others, changes), "narrow values", last)
+
+
+def _changes(first: Summary, second: Summary) -> dict[str, str]:
+    """Return by label how much larger each figure of the second run is, as text; only of figures that both have."""
+    one, other = ({**run.figures, **run.response, **run.contact} for run in (first, second))
+    return {
+        figure.words: concise(after - before, figure.scale, f"+{figure.form.lstrip('+')}", figure.unit)
+        for figure in (*MERIT, *RESPONSE, *CONTACT)
+        if (before := one.get(figure.key)) is not None and (after := other.get(figure.key)) is not None
+    }
+
+
+def _figure_lines(
+    figures: Sequence[Mapping[str, str]],
+    merits: Sequence[str],
+    others: bool,
+    changes: Mapping[str, str] | None,
+) -> Iterator[str]:
+    """Yield a line for each figure. If all runs have the same value, the line is grey."""
     for label in dict.fromkeys(label for texts in figures for label in texts):
         values = [texts.get(label) or ABSENT for texts in figures]
         if (label in merits) is others or set(values) == {ABSENT}:
             continue
         style = "quiet" if len(set(values)) == 1 else ""
+        if changes is not None:
+            values.append(changes.get(label, ""))
         yield "".join(f'<td class="{style}">{escape(text)}</td>' for text in (label, *values))

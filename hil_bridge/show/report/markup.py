@@ -17,6 +17,17 @@ def prose(text: str) -> str:
     return _COMMAND.sub(lambda one: f"<code>{one[1] or one[2]}</code>", escape(text))
 
 
+def note(text: str) -> str:
+    """Render a note in small print; empty without a text."""
+    return f'<p class="quiet small">{escape(text)}</p>' if text else ""
+
+
+def command(purpose: str, text: str) -> str:
+    """Render a command, what it is for, and a button that copies it."""
+    copy = f'<button type="button" data-copy aria-label="copy: {escape(text)}">Copy</button>'
+    return f'<div class="command"><span>{escape(purpose)}</span><code>{escape(text)}</code>{copy}</div>'
+
+
 def badge(outcome: str) -> str:
     """Render the outcome of a run."""
     return f'<span class="badge {_BADGE_STYLES.get(outcome, "")}">{escape(outcome)}</span>'

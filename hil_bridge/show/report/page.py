@@ -12,6 +12,7 @@ from hil_bridge.record.analysis.why import sentence, why_values
 from hil_bridge.record.device_facts import devices_of, is_beyond_run
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.files import check_place, write_atomically
+from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.charts.facts import start_time
@@ -24,7 +25,7 @@ from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, Row, merit_rows, response_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality, run_title
 from hil_bridge.show.report.latency_section import latency_section
-from hil_bridge.show.report.markup import badge, cells, fold, pairs, prose, rows
+from hil_bridge.show.report.markup import badge, cells, command, fold, note, pairs, prose, rows
 from hil_bridge.show.report.sections import controller_section, stability_section
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
@@ -67,20 +68,19 @@ def page(recording: Recording, summary: Summary) -> str:
     if recording.foreign is not None:
         return bag_page(recording, recording.foreign, summary)
     charts, left_out = run_charts(recording)
-    thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
     phases = pairs((name, concise(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_point(recording, summary)}
-{room("run", charts, first=1)}{thinned}
+{room("run", charts, first=1)}{note(left_out)}
 <div class="columns head"><section><h2>Figures of merit</h2>{rows(_known(merit_rows(summary)))}</section>
-<section>{pairs(identity_rows(recording, summary), "facts")}</section></div>
+<section><h2>Setup</h2>{pairs(identity_rows(recording, summary), "facts")}</section></div>
 {steps_section(recording, summary)}
-{surface_section(recording)}{map_row(maps_of(recording))}
+{map_row(maps_of(recording))}
 <div class="columns head"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
 <section><h2>Phases</h2>{phases}</section></div>
 {before}
-{fold(_response(summary))}
+{fold(_response(summary))}{fold(surface_section(recording))}
 {fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
 {fold(f"<h2>Events</h2>{_events(recording)}")}
 {fold(f"<h2>Settings that are not the defaults</h2>{_settings(recording)}")}
@@ -131,8 +131,12 @@ def _reason(recording: Recording, summary: Summary) -> str:
     detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
     left = "" if summary.outcome == Outcome.COMPLETED else end.place or summary.left
     lift = end.place and end.retracted is False and is_beyond_run(recording)
+    commands = RunPlaces(recording.file, reports=True).next_commands(
+        summary.outcome, bool(recording.cycles), end.retracted
+    )
     parts = [
         f'<p class="point">{prose(reason.point)}</p>',
+        "" if summary.outcome == Outcome.COMPLETED else _injected(recording),
         f"<p>{prose(sentence(reason.remedy))}</p>" if reason.remedy else "",
         *(f"<p>Then: {prose(text)}.</p>" for text in reason.followed),
         f"<p>The tool was <strong>{prose(left + '; `hil-bridge free` lifts it off' * bool(lift))}</strong>.</p>"
@@ -140,7 +144,15 @@ def _reason(recording: Recording, summary: Summary) -> str:
         else "",
         detail if reason.fact else "",
     ]
-    return "\n".join(filter(None, parts))
+    text = "\n".join(filter(None, parts))
+    return f'<div class="pair"><div>{text}</div><div>{"".join(command(*one) for one in commands)}</div></div>'
+
+
+def _injected(recording: Recording) -> str:
+    """Render the faults that were injected on purpose; empty without any."""
+    events = recording.events
+    faults = dict.fromkeys(one.fault.title for one in events if one.fault and one.fault.is_injected)
+    return f"<p>Injected fault{'s' * (len(faults) > 1)}: {escape(', '.join(faults))}.</p>" if faults else ""
 
 
 def _response(summary: Summary) -> str:

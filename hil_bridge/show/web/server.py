@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.show.pages import cell_script, chart_script, skeleton, style
+from hil_bridge.show.pages import asset, cell_script, chart_script, skeleton, style
 from hil_bridge.show.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 
 CLIENTS = 12
@@ -44,6 +44,7 @@ END, PANEL = "/end", "/panel"
 _TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 _SHARED: Mapping[str, Callable[[], str]] = {
     "charts.js": chart_script,
+    "copy.js": lambda: asset("copy.js"),
     "cell.js": cell_script,
     "charts.css": style,
 }

@@ -150,10 +150,9 @@
     if (playback) lines[0].prepend("At the end: ");
     $("why").replaceChildren(...lines);
     $("next").replaceChildren(...how.next.map(([purpose, command]) => {
-      const row = made("div"), copy = made("button", "Copy"), code = made("code", command);
-      copy.type = "button"; copy.setAttribute("aria-label", `copy: ${command}`);
-      copy.addEventListener("click", () => navigator.clipboard.writeText(command).then(() => set(copy, "Copied"), () => getSelection().selectAllChildren(code)));
-      row.append(made("span", purpose), code, copy);
+      const row = made("div", "", "command"), copy = made("button", "Copy");
+      copy.type = "button"; copy.dataset.copy = ""; copy.setAttribute("aria-label", `copy: ${command}`);
+      row.append(made("span", purpose), made("code", command), copy);
       return row;
     }));
     outcome.className = `bar ${look}`;
