@@ -405,8 +405,10 @@ var HilCharts = (() => {
       };
       chart.plot = new uPlot(options, this.data(chart), box);
       HilPointer.attach(this, chart);
-      chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
+      chart.rows = [...chart.plot.root.querySelectorAll(".u-series")];
+      chart.rows.forEach((row, k) => {
         if (k === 0 || lines[k - 1].edge === "least") row.classList.add("hil-none");   // the toolbar shows x; a band is one entry
+        if (k && lines[k - 1].edge) row.parentNode.append(row);   // after the lines
       });
       this.dress(chart);
       return chart;
@@ -415,7 +417,7 @@ var HilCharts = (() => {
     dress(chart) {   // series of a hidden layer are not in the legend; the title lists every limit
       const limits = (chart.spec.limits || []).map(one => `${one.label} ${minus(Number(one.value.toPrecision(5)))}`);
       chart.subtitle.textContent = [chart.spec.unit, ...limits].filter(Boolean).join(" · ");
-      chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
+      chart.rows.forEach((row, k) => {
         const line = chart.lines[k - 1];
         row.classList.toggle("hil-hidden", Boolean(line && (this.span(line.source, line.column) < 0
           || (line.layer && this.layers.get(line.layer) === false))));
