@@ -195,30 +195,24 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
     sources = Sources()
     series: dict[str, list[Series]] = {chart: [] for chart in COMPARED}
     marks: list[Mark] = []
-    targets = _same_target(list(runs.values())) is None
+    targets_differ = _same_target(list(runs.values())) is None
     for place, (name, recording) in enumerate(runs.items()):
         zero = _zero(recording, align)
         layer, colour = f"run{place}", f"{place + 1}"
         table = Columns.of(recording, zero, facts_of_recording(recording)).arrays().get(CYCLE, {})
+        has_target = targets_differ and bool(np.isfinite(table.get(_TARGET, np.empty(0))).any())
         for chart, column in COMPARED.items():
             if column not in table or not np.isfinite(table[column]).any():
                 continue
-            columns = (column, _TARGET) if chart == "force" and targets and _TARGET in table else (column,)
+            columns = (column, _TARGET) if chart == "force" and has_target else (column,)
             source = sources.add(layer, chart, table["x"], {one: table[one] for one in columns})
-            series[chart].append(Series(source, column, name, colour, layer=layer))
+            line = Series(source, column, name, colour, layer=layer)
+            series[chart].append(line)
             if _TARGET in columns:
-                series[chart].append(
-                    Series(
-                        source,
-                        _TARGET,
-                        f"{name}, target",
-                        colour,
-                        "step",
-                        dashed=True,
-                        width=1.0,
-                        layer=layer,
-                    )
+                dashes = replace(
+                    line, column=_TARGET, label=f"{name}, target", style="step", dashed=True, width=1.0
                 )
+                series[chart].append(dashes)
         marks += [
             replace(mark, text=f"{name}: {mark.text}", layer=layer)
             for mark in run_marks(recording, zero)
