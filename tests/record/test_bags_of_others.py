@@ -381,7 +381,7 @@ def test_bag_report_draws_data_and_lists_missing_parts(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     page = (tmp_path / "out" / "report.html").read_text()
     described = json.loads(re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S)[1])  # type: ignore[index]
-    assert [chart["id"] for chart in described["charts"]] == ["force", "lateral", "moments", "depth", "place"]
+    assert [chart["id"] for chart in described["charts"]] == ["force", "depth", "lateral", "moments", "place"]
     assert "force above 2 N" in page
     assert "-z of the parent frame of the pose" in page
     assert "decisions and their reasons" in page

@@ -45,6 +45,7 @@ CLIENT = [sys.executable, str(Path(__file__).with_name("client.py")), "{host}", 
 # --- conform
 
 
+@pytest.mark.flaky(reruns=2)  # in real time: a busy machine makes the client late
 def test_client_that_keeps_the_rules_passes(hil_conform: Callable[..., Any]) -> None:
     hil_conform("fanuc", CLIENT, start_s=30.0)
 

@@ -90,6 +90,7 @@ def test_fault_ends_the_run_or_is_borne(on: str, fault: str, values: dict[str, A
 # --- conform
 
 
+@pytest.mark.flaky(reruns=2)  # in real time: a busy machine makes the client late
 def test_client_that_keeps_the_rules_passes(hil_conform: Callable[..., Any]) -> None:
     hil_conform("xarm", CLIENT, start_s=30.0)
 
