@@ -89,7 +89,7 @@ def test_ur_rtde_passes(client_python: Callable[..., Path]) -> None:
     }
     assert [*result] == names
     nominal, stopped = result["nominal"].seen, result["stopped"].seen
-    assert 0.01 < nominal.moved_m < 0.022  # a busy machine leaves out some of the way
+    assert 0.005 < nominal.moved_m < 0.022  # a busy machine leaves out some of the way
     # of packages that come within one cycle the program sees the last: a busy machine made 37 of 500
     assert 10 <= nominal.orders == nominal.taken <= 500
     assert stopped.orders > 5

@@ -71,7 +71,7 @@ async def test_ros_client_decodes_run_values(web_run: Callable[..., WebRun], tmp
 
     cycles = {stamp(recording, one.sample.sensor_at): one for one in recording.cycles}
     contact = reported["/contact/wrench"]
-    assert len(contact) > 10
+    assert len(contact) > 5  # of a second or two; a busy machine has longer cycles
     assert all(six(one) == cycles[at].sample.wrench for at, one in contact)
     assert max(-one.wrench.force.z for _, one in contact) > 5.0
     assert {one.header.frame_id for _, one in contact} == {"tool0"}
