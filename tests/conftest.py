@@ -6,6 +6,7 @@ Examples are the same in every run, so that a failing run fails again; `--hypoth
 import gc
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable
 from importlib.metadata import distributions
 from pathlib import Path
@@ -45,19 +46,29 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--tier", choices=("gate", "full"), help="gate: tests of every change; full: all others")
+    parser.addoption(
+        "--part", default="1/1", help="2/3: of each sweep, the full tier runs the second third only"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Select one tier. Of a test marked `sweep`, the gate runs only the first case; of one marked `full`, none."""
+    """Select one tier. Of a test marked `sweep`, the gate runs only the first case, and the full tier `--part` of the
+    others; of one marked `full`, the gate runs none.
+    """
     if not (tier := config.getoption("--tier")):
         return
-    tiers: dict[str, list[pytest.Item]] = {"gate": [], "full": []}
-    swept = set[str]()
+    part, parts = map(int, config.getoption("--part").split("/"))
+    tiers: dict[str, list[pytest.Item]] = {"gate": [], "full": [], "other parts": []}
+    cases = Counter[str]()
     for item in items:
         function = item.nodeid.partition("[")[0]
-        is_further_case = item.get_closest_marker("sweep") is not None and function in swept
-        swept.add(function)
-        tiers["full" if is_further_case or item.get_closest_marker("full") else "gate"].append(item)
+        number = cases[function]
+        cases[function] += 1
+        is_further_case = item.get_closest_marker("sweep") is not None and number > 0
+        if is_further_case and number % parts != part % parts:
+            tiers["other parts"].append(item)
+        else:
+            tiers["full" if is_further_case or item.get_closest_marker("full") else "gate"].append(item)
     items[:] = tiers.pop(tier)
     config.hook.pytest_deselected(items=[item for others in tiers.values() for item in others])
 

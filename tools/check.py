@@ -3,6 +3,7 @@
     python tools/check.py                the gate, which every change must pass; `make test` runs it
     python tools/check.py --all          the gate and the full tier; `make test-all` runs it
     python tools/check.py --only types   one step
+    python tools/check.py --all --every  the same with every case of each sweep, instead of a third
     python tools/check.py --room rsi     the tests of the gate that name a room (a folder of the product)
 
 Run it with the environment's Python. Every step runs even when an earlier one failed; the exit code is 0 only when
@@ -89,6 +90,21 @@ def without_ports(tier: str) -> tuple[str, ...]:
     )
 
 
+SWEEP_PARTS = 3
+"""Number of parts of each sweep, one of which is checked. Chosen: a check below half an hour on an idle machine."""
+
+
+def sweeps(every: bool = False) -> Step:
+    """Return the step of long tests. The hash of the commit selects the part of each sweep, so that a check of the same
+    commit runs the same tests; `every` selects all parts.
+    """
+    commit = subprocess.run(("git", "rev-parse", "HEAD"), cwd=ROOT, capture_output=True, check=False).stdout
+    part = "1/1" if every else f"{int(commit or b'0', 16) % SWEEP_PARTS}/{SWEEP_PARTS}"
+    # the fault campaign is first, because it occupies one process longest
+    files = "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"
+    return run(*pytest("sweeps", *files, *without_ports("full"), "--part", part))
+
+
 REAL_TIME = ("-m", "live", "--reruns", "2")
 """Options of real-time tests. A test that fails because the machine is busy is retried twice; pytest reports how
 many were retried.
@@ -131,6 +147,8 @@ TIERS: dict[str, dict[str, Step]] = {
             *(
                 "--ignore",
                 "docs/_build",
+                "--ignore",
+                "docs/reference/generated",
                 "--numprocesses",
                 "2",
                 "--dist",
@@ -138,11 +156,7 @@ TIERS: dict[str, dict[str, Step]] = {
                 "--no-loadscope-reorder",
             ),
         ),
-        # the fault campaign is first, because it occupies one process longest
-        "sweeps": run(
-            *pytest("sweeps", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
-            *without_ports("full"),
-        ),
+        "sweeps": sweeps(),
         "live": run_both(
             pytest("live-fast", *REAL_TIME, *FAST_DEVICES),
             pytest("live-slow", *REAL_TIME, *SLOW_DEVICES, *(f"--ignore={path}" for path in FAST_DEVICES)),
@@ -211,9 +225,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     every_step = {name: step for tier in TIERS.values() for name, step in tier.items()}
     parser.add_argument("--all", action="store_true", help="run the full tier after the gate")
+    parser.add_argument("--every", action="store_true", help="run every case of each sweep, not a third")
     parser.add_argument("--only", choices=[*every_step, *BACKGROUND], help="run one step")
     parser.add_argument("--room", help="run the tests that name this folder of the product")
     options = parser.parse_args()
+    if options.every:
+        every_step["sweeps"] = sweeps(every=True)
     # otherwise the interpreter would compile each module again in every process
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

@@ -2,7 +2,7 @@
 
 The evidence comes from the tests and from the runs of the guard's campaign:
 
-    make test-all
+    .venv/bin/python tools/check.py --all --every
     hil-bridge campaign examples/campaigns/guard.toml --output runs/guard.sqlite
     python -m tools.exercised --strike
 
