@@ -39,15 +39,19 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
 @pytest.mark.parametrize(
     ("bound", "figures", "unmet"),
     [
-        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.2 %", "below 10")),
-        ({"below": 10}, {"overshoot_percent": 10.0004}, Unmet("overshoot_percent", "10.0004 %", "below 10")),
-        ({"below": 10}, {"overshoot_percent": 10.0}, Unmet("overshoot_percent", "10 %", "below 10")),
+        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.2 %", "below 10 %")),
+        (
+            {"below": 10},
+            {"overshoot_percent": 10.0004},
+            Unmet("overshoot_percent", "10.0004 %", "below 10 %"),
+        ),
+        ({"below": 10}, {"overshoot_percent": 10.0}, Unmet("overshoot_percent", "10 %", "below 10 %")),
         ({"below": 10}, {"overshoot_percent": 9.0}, None),
         ({"below": 10}, {}, None),
         (
             {"at_least": 1, "at_most": 2},
             {"overshoot_percent": 0.5},
-            Unmet("overshoot_percent", "0.5 %", "at most 2, at least 1"),
+            Unmet("overshoot_percent", "0.5 %", "at most 2 %, at least 1 %"),
         ),
     ],
 )

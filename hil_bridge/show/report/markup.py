@@ -59,6 +59,24 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     return across(table(body, style, head))
 
 
+def stacked(titles: Sequence[str], lines: Iterable[Sequence[str | tuple[str, str]]], texts: int = 2) -> str:
+    """Render a table whose first columns are `texts`, and the others are values. On a phone, each value is below the
+    title of its column. A value may have a style.
+    """
+    styles = ["text" if place < texts else "count" for place in range(len(titles))]
+    head = "".join(
+        f'<th class="{style}">{escape(title)}</th>' for title, style in zip(titles, styles, strict=True)
+    )
+
+    def field(title: str, style: str, cell: str | tuple[str, str]) -> str:
+        text, more = (cell, "") if isinstance(cell, str) else cell
+        return f'<td class="{f"{style} {more}".rstrip()}" data-title="{escape(title)}">{escape(text)}</td>'
+
+    body = ("".join(map(field, titles, styles, line)) for line in lines)
+    style = "narrow stacked single" if len(titles) == texts + 1 else "narrow stacked"
+    return across(table(body, style, f"<thead><tr>{head}</tr></thead>"))
+
+
 def setting_cells(titles: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """Render a table of settings, whose names may break after a dot or an underscore, and their values."""
     head = f"<thead><tr>{''.join(f'<th>{escape(title)}</th>' for title in titles)}</tr></thead>"
