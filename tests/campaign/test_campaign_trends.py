@@ -237,7 +237,8 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
         best = " best" * (name == "before")
         assert f'<td class="count{best}" data-title="{name}">{count}</td>' in text
     assert point(result) == (
-        "`after` is worse: largest true force, 8.55 N → 10.6 N at task.force_n 8.0 (adjusted p 7e-07). "
+        "`after` is significantly better in 0 and worse in 2 of 3 cells and figures; the clearest is "
+        "largest true force: 8.55 N → 10.6 N at task.force_n 8.0 (worse, adjusted p 7e-07). "
         "24 of 24 runs passed in `before`, 15 of 24 runs passed in `after`; no setting differs."
     )
 

@@ -105,10 +105,10 @@ def figures_section(figures: Iterable[FigureResult], title: str = "Figures by ce
     for one in listed:
         definition = FIGURES[one.figure]
         values = (one.median,) if single else (one.least, one.median, one.largest, one.mean, one.deviation)
-        numbers = [_value(one, value) for value in values]
-        runs = f"{one.runs}" + (f", {one.endless} {definition.infinite}" if one.endless else "")
-        texts = [definition.infinite] if single and one.endless else numbers if single else [runs, *numbers]
-        rows.append((one.title or definition.words, one.cell, *texts))
+        some = f", {one.endless} {definition.infinite}" if 0 < one.endless < one.runs else ""
+        runs = () if single else (f"{one.runs}{some}",)
+        numbers = (_value(one, value) for value in values)
+        rows.append((one.title or definition.words, one.cell, *runs, *numbers))
     spread = ("runs", "least", "median", "largest", "mean", "deviation")
     return Section(title, ("figure", "cell", *(("value",) if single else spread)), rows)
 
@@ -116,6 +116,8 @@ def figures_section(figures: Iterable[FigureResult], title: str = "Figures by ce
 def _value(result: FigureResult, value: float | None) -> str:
     """Format a value of a figure, so that it agrees with the criteria on the figure."""
     definition = FIGURES[result.figure]
+    if result.endless == result.runs:
+        return definition.infinite
     if value is None or not result.bounds:
         return definition.text(value)
     return f"{three_digits(value, result.bounds)} {definition.unit}".rstrip()

@@ -14,7 +14,7 @@ from hil_bridge.lab.text_tables import aligned
 from hil_bridge.record.analysis.definition import UNKNOWN, concise
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
-from hil_bridge.show.report.markup import cells, fold, prose, stacked
+from hil_bridge.show.report.markup import Value, cells, fold, prose, stacked
 
 SERIES_MOST = 8
 """Maximum number of cells in a chart. Chosen: the number of distinguishable colours."""
@@ -28,7 +28,7 @@ _FIRST_CHARTS = 3
 """Number of charts that are not folded. Chosen: one row of the page."""
 _SETTINGS_MOST = 2
 """Maximum number of settings named in the first sentences. Chosen: the table has all."""
-_TESTS = "adjusted p", ""
+_TESTS = "adjusted p", "change"
 """Titles of the columns with the test of a row."""
 _PLACE = "place"
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
@@ -40,6 +40,8 @@ class _Row(NamedTuple):
     labels: tuple[str, ...]
     values: tuple[str, ...]
     """Value in each of the results."""
+    intervals: tuple[str, ...]
+    """Interval of each value; empty if there is none."""
     best: frozenset[int]
     """Places of the results with the best value."""
     more: tuple[str, ...]
@@ -81,7 +83,7 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     yield from aligned(_cell_titles(trend), [_line_of(_cell_row(trend, row)) for row in differing])
     if same:
         yield f"and {len(same)} more cells, the same in all results"
-    yield f"* better. {_note(trend)}"
+    yield f"*: {_note(trend)}"
 
 
 def trend_page(trend: Trend) -> str:
@@ -100,14 +102,14 @@ def trend_page(trend: Trend) -> str:
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
 {f"<h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}" if trend.primary else ""}
-<p class="quiet"><strong>Bold</strong>: better. {escape(_note(trend))}</p>
+<p class="quiet"><strong>Bold</strong>: {escape(_note(trend))}</p>
 <h2>Runs that passed, by cell</h2>
 {_cell_tables(trend)}
 <h2>{others if trend.tested else "Largest differences, not tested"}</h2>
 {_other_figures(trend)}
 {_setting_table(trend, names)}
 {_course(trend)}
-{fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
+{fold(f"<h2>The results</h2>{cells(('', *names), sides, 'sides')}")}"""
     return document(f"compared: {', '.join(names)}", body)
 
 
@@ -131,40 +133,51 @@ def point(trend: Trend) -> str:
 
 
 def _verdict(trend: Trend) -> str:
-    """Describe the most significant change in one sentence, of a primary figure if possible; if none is significant,
-    how many figures are better and worse.
-    """
+    """Return in one sentence how many figures are better and worse, with the most significant change."""
     last = f"`{trend.results[-1].name}`"
-    levels: tuple[Sequence[CellChange | FigureChange], ...]
-    levels = trend.primary, (*trend.cells, *trend.figures), (trend.overall,)
-    for rows in levels:
-        judged = [row for row in rows if row.change in (Change.BETTER, Change.WORSE)]
-        if judged:
-            return f"{last} is {_describe(min(judged, key=_significance))}."
+    levels: tuple[tuple[str, Sequence[CellChange | FigureChange]], ...] = (
+        ("primary figures", trend.primary),
+        ("cells and figures", (*trend.cells, *trend.figures)),
+        ("", (trend.overall,)),
+    )
+    for kind, rows in levels:
+        if judged := [row for row in rows if row.change in (Change.BETTER, Change.WORSE)]:
+            counts = Counter(row.change for row in judged)
+            what = (
+                f"{_counts(counts, len(rows))} {kind}; the clearest is"
+                if kind
+                else f"{judged[0].change} over"
+            )
+            return f"{last} is significantly {what} {_describe(min(judged, key=_significance))}."
     if not (listed := trend.primary or trend.figures):
         return "No figure differs."
-    counts = Counter(row.direction for row in listed)
     kind = "primary figures" if trend.primary else "figures that differ"
-    better = f"{last} is better in {counts[Change.BETTER]} and worse in {counts[Change.WORSE]} of {len(listed)} {kind}"
+    better = f"{last} is {_counts(Counter(row.direction for row in listed), len(listed))} {kind}"
     if trend.tested:
         return f"{better}, by their medians; none of them significantly."
     return f"{better}, not tested; from {trend.runs_needed} seeds on, a difference can be significant."
+
+
+def _counts(changes: Mapping[Change, int], count: int) -> str:
+    return f"better in {changes[Change.BETTER]} and worse in {changes[Change.WORSE]} of {count}"
 
 
 def _describe(row: CellChange | FigureChange) -> str:
     """Describe a significant change."""
     if isinstance(row, FigureChange):
         before, after = (_median_text(row, place) for place in (0, -1))
-        what = f"{row.label}, {before} → {after}"
+        what = row.label
     else:
-        what = f"runs that passed, {_count(row.tallies[0])} → {_count(row.tallies[-1])}"
-    return f"{row.change}: {what} at {row.cell} (adjusted p {_probability(row.adjusted)})"
+        before, after = _count(row.tallies[0]), _count(row.tallies[-1])
+        what = "runs that passed"
+    return f"{what}: {before} → {after} at {row.cell} ({row.change}, adjusted p {_probability(row.adjusted)})"
 
 
 def _note(trend: Trend) -> str:
     """Explain the values and the tests of the tables in a few sentences."""
     first, last = trend.results[0].name, trend.results[-1].name
-    parts = [f"The difference is {last} minus {first}."]
+    bold = "significantly better" if trend.tested else "better"
+    parts = [f"{bold}. The difference is {last} minus {first}."]
     if not _single(trend):
         parts.append("Brackets hold the interval of 95 % of a median, or the range of up to five runs.")
     if not trend.tested:
@@ -223,7 +236,14 @@ def _cell_titles(trend: Trend) -> tuple[str, ...]:
 
 def _cell_row(trend: Trend, row: CellChange) -> _Row:
     counts = tuple(map(_count, row.tallies))
-    return _Row((row.cell,), counts, row.best, _test_texts(row) * trend.tested, row.change)
+    return _Row(
+        (row.cell,),
+        counts,
+        ("",) * len(counts),
+        _best(trend, row),
+        _test_texts(row) * trend.tested,
+        row.change,
+    )
 
 
 def _count(tally: Tally) -> str:
@@ -236,9 +256,15 @@ def _figure_titles(trend: Trend) -> tuple[str, ...]:
 
 
 def _figure_row(trend: Trend, row: FigureChange) -> _Row:
-    medians = tuple(_median_text(row, place, row.intervals[place]) for place in range(len(row.medians)))
+    medians = tuple(_median_text(row, place) for place in range(len(row.medians)))
+    intervals = tuple(_interval_text(row, interval) for interval in row.intervals)
     more = (_difference_text(row), *_test_texts(row) * trend.tested)
-    return _Row((row.label, row.cell), medians, row.best, more, row.change)
+    return _Row((row.label, row.cell), medians, intervals, _best(trend, row), more, row.change)
+
+
+def _best(trend: Trend, row: CellChange | FigureChange) -> frozenset[int]:
+    """Return the places of the best value; none if it was tested and is not significantly better."""
+    return frozenset() if trend.tested and not row.change else row.best
 
 
 def _difference_text(row: FigureChange) -> str:
@@ -250,23 +276,24 @@ def _difference_text(row: FigureChange) -> str:
     return concise(difference, 1.0, f"+{form.lstrip('+')}", definition.unit)
 
 
-def _median_text(row: FigureChange, place: int, interval: tuple[float, float] | None = None) -> str:
-    """Format a median of the results at a place, with its interval if there is one."""
-    definition, median = FIGURES[row.figure], row.medians[place]
-
-    def text(value: float, unit: str = "") -> str:
-        return (
-            concise(value, definition.scale, definition.form, unit)
-            if math.isfinite(value)
-            else definition.infinite
-        )
-
+def _median_text(row: FigureChange, place: int) -> str:
+    """Format a median of the results at a place."""
     if not row.runs[place]:
         return UNKNOWN
-    value = text(math.inf if median is None else median, definition.unit)
-    if interval is None or interval[0] == interval[1]:
-        return value
-    return f"{value} ({text(interval[0])} … {text(interval[1])})"
+    median = row.medians[place]
+    return _number(row, math.inf if median is None else median, FIGURES[row.figure].unit)
+
+
+def _interval_text(row: FigureChange, interval: tuple[float, float] | None) -> str:
+    ends = dict.fromkeys(_number(row, value) for value in interval or ())
+    return f"({' … '.join(ends)})" if len(ends) > 1 else ""
+
+
+def _number(row: FigureChange, value: float, unit: str = "") -> str:
+    definition = FIGURES[row.figure]
+    if not math.isfinite(value):
+        return definition.infinite
+    return concise(value, definition.scale, definition.form, unit)
 
 
 def _test_texts(row: CellChange | FigureChange) -> tuple[str, ...]:
@@ -298,15 +325,16 @@ def _relative_change(row: FigureChange) -> float:
 
 
 def _ranked(trend: Trend) -> list[FigureChange]:
-    """Return the figures that are not primary, the most significant first. Without tests, begin with the cell in
-    which each figure changed most, and with figures that have a preferred direction.
+    """Return the figures that are not primary: the most significant first, then of each figure the cell in which it
+    changed most, and then the others, beginning with the figures that have a preferred direction.
     """
-    if trend.tested:
-        return sorted(trend.figures, key=_significance)
+    significant = sorted((row for row in trend.figures if row.change), key=_significance)
+    others = [row for row in trend.figures if not row.change]
     by_figure: dict[str, list[FigureChange]] = {}
-    for row in sorted(trend.figures, key=lambda row: (row.direction is Change.OTHER, -_relative_change(row))):
+    for row in sorted(others, key=lambda row: (row.direction is Change.OTHER, -_relative_change(row))):
         by_figure.setdefault(row.figure, []).append(row)
-    return [row for rows in zip_longest(*by_figure.values()) for row in rows if row is not None]
+    turns = zip_longest(*by_figure.values())
+    return [*significant, *(row for rows in turns for row in rows if row is not None)]
 
 
 def _other_figures(trend: Trend) -> str:
@@ -325,11 +353,14 @@ def _figure_table(trend: Trend, rows: Sequence[FigureChange]) -> str:
 
 def _render(titles: Sequence[str], rows: Sequence[_Row]) -> str:
     """Render a table with the best value of each row in bold, and its significant change coloured."""
-    lines: list[Sequence[str | tuple[str, str]]] = [
+    lines: list[Sequence[str | Value]] = [
         (
             *row.labels,
-            *((text, "best" if place in row.best else "") for place, text in enumerate(row.values)),
-            *((text, _CLASSES[row.change] if text == row.change else "") for text in row.more),
+            *(
+                Value(text, "best" if place in row.best else "", interval)
+                for place, (text, interval) in enumerate(zip(row.values, row.intervals, strict=True))
+            ),
+            *(Value(text, _CLASSES[row.change] if text == row.change else "") for text in row.more),
         )
         for row in rows
     ]
@@ -338,7 +369,10 @@ def _render(titles: Sequence[str], rows: Sequence[_Row]) -> str:
 
 def _line_of(row: _Row) -> tuple[str, ...]:
     """Return a row as text, with an asterisk at the best value."""
-    values = (f"{text} *" if place in row.best else text for place, text in enumerate(row.values))
+    values = [
+        f"{text} {interval}".rstrip() + " *" * (place in row.best)
+        for place, (text, interval) in enumerate(zip(row.values, row.intervals, strict=True))
+    ]
     return *row.labels, *values, *row.more
 
 
