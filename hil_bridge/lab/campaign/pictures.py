@@ -111,7 +111,7 @@ def _table(corner: str, columns: Sequence[str], rows: Iterable[tuple[str, Sequen
     few = len(columns) <= UPRIGHT_MOST
     heads = "".join(f"<th><span>{escape(name).replace('_', '_<wbr>')}</span></th>" for name in columns)
     body = "".join(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n" for name, fields in rows)
-    style = "matrix list" if len(columns) == 1 else "matrix few" if few else "matrix"
+    style = {1: "matrix list", 2: "matrix few two"}.get(len(columns), "matrix few" if few else "matrix")
     table = f'<table class="{style}"><thead><tr><th>{escape(corner)}</th>{heads}</tr></thead>\n{body}</table>'
     return table if few else across(table)
 

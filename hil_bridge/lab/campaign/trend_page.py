@@ -98,15 +98,15 @@ def trend_page(trend: Trend) -> str:
     ]
     kind = "single runs" if _single(trend) else "medians"
     others = f"{'Other figures' if trend.primary else 'Figures'} that differ, {kind}"
+    note = f'<p class="quiet"><strong>Bold</strong>: {escape(_note(trend))}</p>'
     body = f"""<header class="headline"><h1>{_title(names)}</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
-{f"<h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}" if trend.primary else ""}
-<p class="quiet"><strong>Bold</strong>: {escape(_note(trend))}</p>
+{f"<h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}{note}" if trend.primary else ""}
 <h2>Runs that passed, by cell</h2>
 {_cell_tables(trend)}
 <h2>{others if trend.tested else "Largest differences, not tested"}</h2>
-{_other_figures(trend)}
+{_other_figures(trend)}{"" if trend.primary else note}
 {_setting_table(trend, names)}
 {_course(trend)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'sides')}")}"""
@@ -176,8 +176,9 @@ def _describe(row: CellChange | FigureChange) -> str:
 def _note(trend: Trend) -> str:
     """Explain the values and the tests of the tables in a few sentences."""
     first, last = trend.results[0].name, trend.results[-1].name
-    bold = "significantly better" if trend.tested else "better"
-    parts = [f"{bold}. The difference is {last} minus {first}."]
+    best = "better" if len(trend.results) == 2 else "best"
+    where = ", where the change is significant" * trend.tested
+    parts = [f"{best}{where}. The difference is {last} minus {first}."]
     if not _single(trend):
         parts.append("Brackets hold the interval of 95 % of a median, or the range of up to five runs.")
     if not trend.tested:
