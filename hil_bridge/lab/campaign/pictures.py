@@ -15,6 +15,8 @@ from hil_bridge.show.report.markup import across
 
 UPRIGHT_MOST = 8
 """Maximum number of columns with upright headings; above it, headings are vertical. Chosen: the width of a page."""
+_LABEL_MOST = 16
+"""Length of a heading up to which three fields are side by side on a phone, instead of two. Chosen."""
 FIRST_PHASE = "connect"
 """Label of the phase for a fault that specifies no phase."""
 
@@ -111,7 +113,8 @@ def _table(corner: str, columns: Sequence[str], rows: Iterable[tuple[str, Sequen
     few = len(columns) <= UPRIGHT_MOST
     heads = "".join(f"<th><span>{escape(name).replace('_', '_<wbr>')}</span></th>" for name in columns)
     body = "".join(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n" for name, fields in rows)
-    style = {1: "matrix list", 2: "matrix few two"}.get(len(columns), "matrix few" if few else "matrix")
+    style = "matrix list" if len(columns) == 1 else "matrix few" if few else "matrix"
+    style += " broad" * (len(columns) == 2 or max(map(len, columns)) > _LABEL_MOST)
     table = f'<table class="{style}"><thead><tr><th>{escape(corner)}</th>{heads}</tr></thead>\n{body}</table>'
     return table if few else across(table)
 
