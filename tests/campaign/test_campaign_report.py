@@ -62,6 +62,19 @@ def test_unmet_criterion_shows_value_and_bounds(
     assert output == (() if unmet is None else (unmet,))
 
 
+@pytest.mark.parametrize(
+    ("figure", "allowed", "title"),
+    [
+        ("rms_error_n", {"below": 1.5}, "RMS error below 1.5 N"),
+        ("contact_losses", 0, "contact losses 0"),
+        ("largest_force_n", 8, "largest force 8 N"),
+        ("outcome", ["completed", "stopped"], "outcome completed or stopped"),
+    ],
+)
+def test_criterion_title_has_words_and_unit(figure: str, allowed: object, title: str) -> None:
+    assert Criterion(figure, allowed).title == title
+
+
 def test_figures_by_cell_agree_with_bounds() -> None:
     result = FigureResult("force_true_max_n", "a cell", 3, 0, 12.9996, 13.0, 13.0004, 13.0, 0.0004, (13.0,))
     ((*_, least, median, largest, _, _),) = figures_section([result]).rows
