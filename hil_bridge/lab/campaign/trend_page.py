@@ -138,17 +138,14 @@ def _verdict(trend: Trend) -> str:
     levels: tuple[tuple[str, Sequence[CellChange | FigureChange]], ...] = (
         ("primary figures", trend.primary),
         ("cells and figures", (*trend.cells, *trend.figures)),
-        ("", (trend.overall,)),
     )
     for kind, rows in levels:
         if judged := [row for row in rows if row.change in (Change.BETTER, Change.WORSE)]:
-            counts = Counter(row.change for row in judged)
-            what = (
-                f"{_counts(counts, len(rows))} {kind}; the clearest is"
-                if kind
-                else f"{judged[0].change} over"
-            )
-            return f"{last} is significantly {what} {_describe(min(judged, key=_significance))}."
+            counts = _counts(Counter(row.change for row in judged), len(rows))
+            clearest = _describe(min(judged, key=_significance))
+            return f"{last} is significantly {counts} {kind}; the clearest is {clearest}."
+    if trend.overall.change:
+        return f"{last} is significantly {trend.overall.change} over all: {_describe(trend.overall)}."
     if not (listed := trend.primary or trend.figures):
         return "No figure differs."
     kind = "primary figures" if trend.primary else "figures that differ"
@@ -165,12 +162,12 @@ def _counts(changes: Mapping[Change, int], count: int) -> str:
 def _describe(row: CellChange | FigureChange) -> str:
     """Describe a significant change."""
     if isinstance(row, FigureChange):
+        what = f"{row.label} at {row.cell}"
         before, after = (_median_text(row, place) for place in (0, -1))
-        what = row.label
     else:
+        what = f"runs that passed, {row.cell}"
         before, after = _count(row.tallies[0]), _count(row.tallies[-1])
-        what = "runs that passed"
-    return f"{what}: {before} → {after} at {row.cell} ({row.change}, adjusted p {_probability(row.adjusted)})"
+    return f"{what}: {before} → {after} ({row.change}, adjusted p {_probability(row.adjusted)})"
 
 
 def _note(trend: Trend) -> str:
