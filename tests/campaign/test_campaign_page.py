@@ -19,7 +19,9 @@ from hil_bridge.lab.campaign import live
 from hil_bridge.lab.campaign.digest import worst_first
 from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
+from hil_bridge.lab.campaign.pictures import matrix
 from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
 from hil_bridge.lab.commands.campaign import campaign
@@ -88,13 +90,12 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     tags.feed(text)
     assert tags.open == []
     assert tags.links == []
-    assert '<span class="badge bad">4 of 8 did not pass</span>' in text
+    assert '<span class="badge bad">4 of 8 failed</span>' in text
     assert '<b class="good">4</b> passed' in text
     assert '<b class="bad">4</b> failed' in text
     assert "<b>0</b> errors" in text
     assert (
-        '<p class="point">2 of 4 cases have failed runs; every failed run missed <code>outcome completed</code>.'
-        in text
+        '<p class="point">2 of 4 cases have failed runs; every failed run missed “outcome completed”.' in text
     )
     headings = (
         "Each case of the matrix",
@@ -108,12 +109,12 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     assert f"Python {python_version()}" in text
     assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
     assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, bound
-    assert "<td>largest true force</td><td>task.force_n 8.0</td><td>2</td>" in text
-    assert (
-        "<td>largest true force</td><td>task.force_n 8.0; robot: emergency-stop track</td><td>2</td>" in text
-    )
-    assert '<td class="pass">2/2</td>' in text
-    assert '<td class="fail">0/2</td>' in text
+    for cell in ("task.force_n 8.0", "task.force_n 8.0; robot: emergency-stop track"):
+        titled = (("text", "figure", "largest true force"), ("text", "cell", cell), ("count", "runs", "2"))
+        row = (f'<td class="{style}" data-title="{title}">{value}</td>' for style, title, value in titled)
+        assert "".join(row) in text
+    assert '<td class="pass" data-title="task.force_n 8.0">2/2</td>' in text
+    assert '<td class="fail" data-title="task.force_n 8.0">0/2</td>' in text
     assert text.count("<article>") == 4
     assert "The run was stopped" in text
     assert "Check: " in text  # the paragraph of `why`
@@ -132,6 +133,46 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     assert all((tmp_path / link).is_file() for link in linked.links[1:])  # relative to the page
     with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)], catch_exceptions=False)
+
+
+def test_page_of_incomplete_campaign_says_so(results: Path, tmp_path: Path) -> None:
+    part = changed(results, tmp_path / "part.sqlite", "DELETE FROM runs WHERE seed = 2")
+    with Store.open(part) as store:
+        assert '<span class="badge bad">2 of 4 failed · 4 not run</span>' in page(store)
+    passed = changed(part, tmp_path / "passed.sqlite", "DELETE FROM runs WHERE NOT passed")
+    with Store.open(passed) as store:
+        assert '<span class="badge plain">all 2 passed · 6 not run</span>' in page(store)
+
+
+TWO_AXES = """
+robot = [{ label = "s3", robot.emulated = "s3" }, { label = "egm", robot.emulated = "egm" }]
+task.force_n = [8.0, 9.0, 10.0]
+"""
+
+
+def test_matrix_of_one_fault_has_an_axis_as_columns(tmp_path: Path) -> None:
+    text = re.sub(r"task.force_n = .*?(?=\[campaign.criteria)", TWO_AXES, STUDY, flags=re.DOTALL)
+    plan = read_plan(study(tmp_path, 1, text))
+    marked = matrix(plan, ())
+    columns = [f"task.force_n {force}" for force in (8.0, 9.0, 10.0)]
+    assert re.findall(r"<tr><th>(.*?)</th>", marked) == ["", "robot s3", "robot egm"]
+    assert re.findall(r'data-title="(.*?)">\?<', marked) == columns * 2
+    with Store.begin(tmp_path / "a.sqlite", plan) as store:
+        assert store.plan().axes == plan.axes
+    older = replace(plan, axes=())
+    assert "robot s3, task.force_n 9.0" in matrix(older, ())
+
+
+@pytest.mark.parametrize(("times", "dots"), [(1, 8), (3, 0)])
+def test_distribution_has_dots_for_few_runs(results: Path, times: int, dots: int) -> None:
+    """Eight runs are eight dots, and 24 are bars. A figure that only four of eight runs have is folded."""
+    with Store.open(results) as store:
+        plan, runs = store.plan(), list(store.runs()) * times
+    first, _, folded = distributions(plan, runs).partition('<details class="fold" id="distributions">')
+    force = first.partition("</figure>")[0]
+    assert "force_true_max_n" in force
+    assert (force.count("<circle"), "<rect" in force) == (dots, dots == 0)
+    assert ("rms_error_n" in folded, "rms_error_n" in first) == (dots > 0, dots == 0)
 
 
 def test_page_draws_worst_run_from_its_recording(results: Path, tmp_path: Path) -> None:
@@ -185,7 +226,7 @@ def test_page_without_recordings_shows_cause(results: Path, tmp_path: Path) -> N
         text = page(store)
     assert "The run was stopped" not in text
     assert "<p>stopped: the robot " in text
-    assert "2 runs, all without an end" in text
+    assert "2 runs: never" in text
 
 
 def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
@@ -224,6 +265,6 @@ def test_page_before_first_run_lists_all_cells(tmp_path: Path) -> None:
     text = STUDY.replace("emergency-stop", "late-answer")
     plan = read_plan(study(tmp_path, 1, text))
     with Store.begin(tmp_path / "a.sqlite", plan) as store:
-        assert page(store).count("<td>no run yet</td>") == 4
+        assert page(store).count(">no run yet</td>") == 4
         work(plan, store, missing(plan, store)[:1], workers=1)
-        assert page(store).count("<td>no run yet</td>") == 3
+        assert page(store).count(">no run yet</td>") == 3

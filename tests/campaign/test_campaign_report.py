@@ -39,15 +39,19 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
 @pytest.mark.parametrize(
     ("bound", "figures", "unmet"),
     [
-        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.2 %", "below 10")),
-        ({"below": 10}, {"overshoot_percent": 10.0004}, Unmet("overshoot_percent", "10.0004 %", "below 10")),
-        ({"below": 10}, {"overshoot_percent": 10.0}, Unmet("overshoot_percent", "10 %", "below 10")),
+        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.2 %", "below 10 %")),
+        (
+            {"below": 10},
+            {"overshoot_percent": 10.0004},
+            Unmet("overshoot_percent", "10.0004 %", "below 10 %"),
+        ),
+        ({"below": 10}, {"overshoot_percent": 10.0}, Unmet("overshoot_percent", "10 %", "below 10 %")),
         ({"below": 10}, {"overshoot_percent": 9.0}, None),
         ({"below": 10}, {}, None),
         (
             {"at_least": 1, "at_most": 2},
             {"overshoot_percent": 0.5},
-            Unmet("overshoot_percent", "0.5 %", "at most 2, at least 1"),
+            Unmet("overshoot_percent", "0.5 %", "at most 2 %, at least 1 %"),
         ),
     ],
 )
@@ -56,6 +60,19 @@ def test_unmet_criterion_shows_value_and_bounds(
 ) -> None:
     output = unmet_of([Criterion("overshoot_percent", bound)], figures)
     assert output == (() if unmet is None else (unmet,))
+
+
+@pytest.mark.parametrize(
+    ("figure", "allowed", "title"),
+    [
+        ("rms_error_n", {"below": 1.5}, "RMS error below 1.5 N"),
+        ("contact_losses", 0, "contact losses 0"),
+        ("largest_force_n", 8, "largest force 8 N"),
+        ("outcome", ["completed", "stopped"], "outcome completed or stopped"),
+    ],
+)
+def test_criterion_title_has_words_and_unit(figure: str, allowed: object, title: str) -> None:
+    assert Criterion(figure, allowed).title == title
 
 
 def test_figures_by_cell_agree_with_bounds() -> None:

@@ -1,12 +1,14 @@
 """Comparison of campaigns: sums by cell, significant changes, the page, and the exit code."""
 
 import json
+import re
 import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from msgspec.structs import replace
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
@@ -154,8 +156,55 @@ def test_primary_figures_are_tested_among_themselves(
     assert "<h2>Primary figures, medians</h2>" in text
     assert "Course over the results" not in text
     lines = [line.split("  ")[0] for line in trend_lines(result)]
-    assert lines[-7:-4] == ["figure", "the cycles", "the force_true_max_n"]
-    assert lines[-2:] == ["all cells", "and 2 more cells, the same in all results"]
+    assert lines[-8:-5] == ["figure", "the cycles", "the force_true_max_n"]
+    assert lines[-3:-1] == ["all cells", "and 2 more cells, the same in all results"]
+
+
+def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, tmp_path: Path) -> None:
+    """The better value is marked, and neither the page nor the text has a column for tests."""
+    made(short_results, tmp_path / "made.sqlite", 2.0)
+    first = "DELETE FROM runs WHERE seed > 0"
+    left = changed(before, tmp_path / "left.sqlite", first)
+    right = changed(tmp_path / "made.sqlite", tmp_path / "one.sqlite", first)
+    result = trend(left, with_primary(right, tmp_path / "right.sqlite", "cycles", "force_true_max_n"))
+    verdict = "`right` is better in 0 and worse in 1 of 2 primary figures, not tested; from 5 seeds on"
+    assert point(result).startswith(verdict)
+    text, lines = trend_page(result), "\n".join(trend_lines(result))
+    assert "<h2>Primary figures, single runs</h2>" in text
+    assert "<h2>Largest differences, not tested</h2>" in text
+    assert "adjusted p" not in text + lines
+    assert '<td class="count best" data-title="left">8.00 N</td>' in text
+    assert '<td class="count" data-title="difference">+2.00 N</td>' in text
+    assert re.search(r"the force_true_max_n +task.force_n 8.0 +8.00 N \* +10.0 N +\+2.00 N\n", lines)
+
+
+def test_trend_endless_time_is_never(before: Path, tmp_path: Path) -> None:
+    """An infinite median has no difference, and is worse than any other."""
+    sql = "UPDATE runs SET figures = json_set(figures, '$.settle_s', json('{}')) WHERE number = 0"
+    left = changed(before, tmp_path / "left.sqlite", sql.format("0.5"))
+    row = trend(left, changed(before, tmp_path / "right.sqlite", sql.format("9e999"))).figures[0]
+    assert (row.medians, row.change) == ((0.5, None), Change.WORSE)
+    assert row.best == {0}
+    lines = "\n".join(trend_lines(trend(left, tmp_path / "right.sqlite")))
+    assert re.search(r"settling time +task.force_n 8.0 +0.50 s \* +never +– +\d", lines)
+
+
+def test_trend_without_significance_counts_medians(short_results: Path, before: Path, tmp_path: Path) -> None:
+    after = made(short_results, tmp_path / "made.sqlite", 0.05)
+    result = trend(before, with_primary(after, tmp_path / "after.sqlite", "cycles", "force_true_max_n"))
+    assert point(result).startswith(
+        "`after` is better in 0 and worse in 1 of 2 primary figures, by their medians; none of them significantly."
+    )
+
+
+def test_trend_over_all_cells_is_in_the_badge(before: Path) -> None:
+    result = trend(before, changed(before, before.with_name("same.sqlite")))
+    worse = replace(result, overall=replace(result.overall, adjusted=0.01, change=Change.WORSE))
+    assert worse.worse
+    assert point(worse).startswith(
+        "`same` is significantly worse over all: runs that passed, all cells: 24/24 → 24/24 (worse, adjusted p 0.010)."
+    )
+    assert '<span class="badge bad">significantly worse over all cells</span>' in trend_page(worse)
 
 
 @pytest.mark.parametrize(("seeds", "needed"), [(1, 5), (4, 5), (5, 0), (12, 0)])
@@ -188,10 +237,13 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
     assert "3 campaigns compared" in text
     assert '<span class="badge bad">2 significantly worse, 0 better</span>' in text
     counts = (("before", "12/12"), ("middle", "11/12"), ("after", "3/12"))
-    assert "".join(f'<td class="count" data-title="{name}">{count}</td>' for name, count in counts) in text
+    for name, count in counts:
+        best = " best" * (name == "before")
+        assert f'<td class="count{best}" data-title="{name}">{count}</td>' in text
     assert point(result) == (
-        "No setting differs; 24 of 24 runs passed in `before` and 15 of 24 runs passed in `after`. "
-        "`after` is worse: largest true force, 8.55 N → 10.6 N at task.force_n 8.0 (adjusted p 7e-07)."
+        "`after` is significantly better in 0 and worse in 2 of 3 cells and figures; the clearest is "
+        "largest true force at task.force_n 8.0: 8.55 N → 10.6 N (worse, adjusted p 7e-07). "
+        "24 of 24 runs passed in `before`, 15 of 24 runs passed in `after`; no setting differs."
     )
 
 
@@ -202,7 +254,7 @@ def test_compare_command_exits_with_1_if_worse(short_results: Path, before: Path
     ended = CliRunner().invoke(cli, arguments, catch_exceptions=False)
     assert ended.exit_code == 1
     assert "before → after: 1 significantly worse, 0 better" in ended.output
-    assert "campaigns compared" in page.read_text()
+    assert "<h1>before and after compared</h1>" in page.read_text()
     with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(cli, arguments, catch_exceptions=False)
     as_json = CliRunner().invoke(cli, [*arguments, "--json"], catch_exceptions=False)

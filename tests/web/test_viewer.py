@@ -181,5 +181,5 @@ async def test_browser_displays_running_campaign(page: Page, serving: list[Servi
     assert [line for line in output.split() if "study-failed" not in line] == [
         line for line in saved.split() if "study-failed" not in line
     ]
-    assert "12 of 12 did not pass" in output
+    assert "12 of 12 failed" in output
     assert errors == []

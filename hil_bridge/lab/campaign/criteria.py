@@ -39,7 +39,7 @@ class Unmet:
 
     @property
     def text(self) -> str:
-        """Unmet criterion as one line of text, such as `overshoot 17.3 %, required below 10`."""
+        """Unmet criterion as one line of text, such as `overshoot 17.3 %, required below 10 %`."""
         return f"{FIGURES[self.figure].words} {self.value}, required {self.required}"
 
 
@@ -97,15 +97,27 @@ class Criterion:
 
     @property
     def text(self) -> str:
-        """Criterion as one line of text."""
-        return f"{self.figure} {self.bounds}"
+        """Criterion as one line of text, with the key of its figure."""
+        return f"{self.figure} {self._bounds()}"
 
     @property
-    def bounds(self) -> str:
-        """Allowed values as text, without the name of the figure."""
+    def title(self) -> str:
+        """Criterion as part of a sentence, such as `RMS error below 1.5 N`."""
+        return f"{FIGURES[self.figure].words} {self.required}"
+
+    @property
+    def required(self) -> str:
+        """Allowed values as text, with the unit of the figure."""
+        return self._bounds(FIGURES[self.figure].unit)
+
+    def _bounds(self, unit: str = "") -> str:
         match self.allowed:
             case dict() as bounds:
-                parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in BOUNDS if name in bounds]
+                parts = [
+                    f"{name.replace('_', ' ')} {bounds[name]:g} {unit}".rstrip()
+                    for name in BOUNDS
+                    if name in bounds
+                ]
                 parts += [str(bounds[_IS]).lower()] if _IS in bounds else []
                 only = f" where {' or '.join(bounds[_ONLY])}" if _ONLY in bounds else ""
                 return f"{', '.join(parts)}{only}"
@@ -114,7 +126,7 @@ class Criterion:
             case bool() as flag:
                 return str(flag).lower()
             case other:
-                return f"{other}"
+                return f"{other} {unit}".rstrip()
 
 
 def figure_text(figure: Figure) -> str:
@@ -140,7 +152,7 @@ def unmet_of(criteria: Sequence[Criterion], figures: Figures) -> tuple[Unmet, ..
     """Return the criteria that a run did not meet, each with the value of its figure."""
     bug = (Unmet("outcome", "error", "no bug"),) if figures.get("outcome") == "error" else ()
     return bug + tuple(
-        Unmet(one.figure, value_text(one.figure, figures.get(one.figure), criteria), one.bounds)
+        Unmet(one.figure, value_text(one.figure, figures.get(one.figure), criteria), one.required)
         for one in criteria
         if one.judge(figures) is False
     )

@@ -5,6 +5,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from operator import itemgetter
 from pathlib import Path
 from urllib.parse import quote
 
@@ -26,7 +27,7 @@ from hil_bridge.lab.campaign.digest import (
 )
 from hil_bridge.lab.campaign.pictures import drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
-from hil_bridge.lab.campaign.report_text import Section, criteria_section, figures_section, rerun_command
+from hil_bridge.lab.campaign.report_text import criteria_section, figures_section, rerun_command
 from hil_bridge.lab.campaign.run_text import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Done, Store
@@ -38,7 +39,7 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.markup import cells, fold, pairs, prose, setting_cells
+from hil_bridge.show.report.markup import cells, fold, pairs, prose, setting_cells, stacked
 
 WORST = 30
 """Maximum number of failed runs listed individually, worst first. Chosen: longer lists are rarely read."""
@@ -111,14 +112,12 @@ class PageBody:
 {_counts(tally, planned)}
 <h2>Each case of the matrix</h2>
 {matrix(plan, runs)}
-<p class="quiet">Runs that passed / runs. A dot is a fault that the cell cannot have, a question mark a case without a
-run.</p>
 {_primary(plan, figures)}{hunted or self._worst(store, plan, worst)}{cell}
 {fold(self._others(store, plan, others), "more-failed")}
-{_section(criteria_section(criterion_results(plan, runs)), settings=True)}
+{_criteria(plan, runs)}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}
-{fold(_section(figures_section(figures)), "figures")}
+{fold(f"<h2>Figures by cell</h2>{_scrolled(_figures(figures))}", "figures")}
 {fold(_hardest(store, plan, runs), "hardest")}
 {fold(_render_injections(plan, runs), "injections")}
 {fold(f"<h2>How runs ended</h2>{_endings(runs)}", "endings")}
@@ -206,7 +205,7 @@ run.</p>
 def _primary(plan: Plan, figures: Sequence[FigureResult]) -> str:
     """Render the primary figures of the plan; empty if it has none."""
     rows = primary_results(plan, figures)
-    return _section(figures_section(rows, "Primary figures")) if rows else ""
+    return f"<h2>Primary figures</h2>{_figures(rows)}" if rows else ""
 
 
 def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
@@ -222,20 +221,23 @@ def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
         return f"{every} met every criterion; the largest true force was {true_force_text(plan, hardest)}."
     cases = len({run.number for run in failed})
     where = f"{cases} of {len(plan.possible)} cases have failed runs"
-    unmet = max(criterion_results(plan, runs), key=lambda one: one.not_met, default=None)
-    if unmet is None or not unmet.not_met:
+    missed = [(sum(one.judge(run.figures) is False for run in failed), one) for one in plan.criteria]
+    count, criterion = max(missed, key=itemgetter(0), default=(0, None))
+    if criterion is None or not count:
         return f"{where}."
-    share = "every" if unmet.not_met == len(failed) else f"{unmet.not_met} of"
-    of_runs = "failed run" if unmet.not_met == len(failed) else f"{len(failed)} failed runs"
-    return f"{where}; {share} {of_runs} missed `{unmet.criterion}`."
+    runs_of = "every failed run" if count == len(failed) else f"{count} of {len(failed)} failed runs"
+    return f"{where}; {runs_of} missed “{criterion.title}”."
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
     """Render name and verdict of the campaign."""
-    bad = tally.failed + tally.errors
-    style, outcome = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
-    if not bad and tally.total < planned:
-        style, outcome = "plain", f"{tally.total} of {planned} done, none failed"
+    bad, left = tally.failed + tally.errors, planned - tally.total
+    what = "did not pass" if tally.errors else "failed"
+    style, outcome = (
+        ("bad", f"{bad} of {tally.total} {what}") if bad else ("good", f"all {tally.total} passed")
+    )
+    if left:
+        style, outcome = style if bad else "plain", f"{outcome} · {left} not run"
     if not tally.total:
         style, outcome = "plain", "no run yet"
     return (
@@ -267,11 +269,19 @@ def _counts(tally: Tally, planned: int) -> str:
     )
 
 
-def _section(section: Section, settings: bool = False) -> str:
-    """Render a table with its title. The first column of `settings` may break within a name."""
-    columns, lines = section.columns, section.rows
-    table = setting_cells(columns, lines) if settings else cells(columns, lines, "narrow")
-    return f'<h2>{escape(section.title)}</h2><div class="scroll">{table}</div>'
+def _criteria(plan: Plan, runs: Sequence[Done]) -> str:
+    section = criteria_section(criterion_results(plan, runs))
+    return f"<h2>{section.title}</h2>{setting_cells(section.columns, section.rows)}"
+
+
+def _figures(figures: Iterable[FigureResult]) -> str:
+    section = figures_section(figures)
+    return stacked(section.columns, section.rows)
+
+
+def _scrolled(marked: str) -> str:
+    """Wrap a long table, so that it scrolls in a box."""
+    return f'<div class="scroll">{marked}</div>'
 
 
 def _command(store: Store, key: str) -> str:
@@ -299,21 +309,17 @@ def _hardest(store: Store, plan: Plan, runs: Sequence[Done]) -> str:
     hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
     lines = [
         (
-            true_force_text(plan, run),
-            f"{run.seed}",
             plan.cases[run.number].cell,
             faults_of_run(plan.cases[run.number], run),
+            true_force_text(plan, run),
+            f"{run.seed}",
             run.key,
         )
         for run in hardest
     ]
-    table = cells(("largest true force", "seed", "cell", "fault", "key"), lines, "wide")
-    return (
-        "<h2>Passed runs with the largest true force</h2>"
-        f'<p>{_command(store, "KEY")} repeats one.</p><div class="scroll">{table}</div>'
-        if lines
-        else ""
-    )
+    table = stacked(("cell", "fault", "largest true force", "seed", "key"), lines)
+    heading = "<h2>Passed runs with the largest true force</h2>"
+    return f"{heading}<p>{_command(store, 'KEY')} repeats one.</p>{table}" if lines else ""
 
 
 def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
@@ -342,7 +348,7 @@ def _never(plan: Plan, runs: Sequence[Done]) -> str:
     done = Counter(run.number for run in runs)
     struck = Counter(run.number for run in runs if run.figures.get("struck"))
     lines: list[tuple[str, str, str]] = [
-        (criterion.text, "", "this criterion applied to no run")
+        (criterion.title, "", "this criterion applied to no run")
         for criterion in plan.criteria
         if runs and all(criterion.judge(run.figures) is None for run in runs)
     ]
@@ -360,16 +366,16 @@ def _never(plan: Plan, runs: Sequence[Done]) -> str:
             )
             lines.append((fault_of(case), case.cell, f"the fault took effect {often}"))
     left = [(fault, f"{len(where)}: {'; '.join(where)}", text) for (fault, text), where in impossible.items()]
-    parts = [f'<div class="scroll">{cells(("fault or criterion", "cell", "why"), lines, "wide")}</div>']
+    parts = [_scrolled(stacked(("fault or criterion", "cell", "why"), lines, 3))]
     if missing := _not_planned(plan):
         lists = "; ".join(f"{on}: {', '.join(names)}" for on, names in missing.items())
         parts.append(f"<p>Faults that these cells support and the plan does not inject: {escape(lists)}.</p>")
     if left:
-        table = cells(("fault", "cells", "why they do not support it"), left, "wide")
+        table = stacked(("fault", "cells", "why they do not support it"), left, 3)
         count = sum(map(len, impossible.values()))
         parts.append(
             f'<details id="impossible"><summary>{count} impossible cases</summary>'
-            f'<div class="scroll">{table}</div></details>'
+            f"{_scrolled(table)}</details>"
         )
     return "".join(parts)
 

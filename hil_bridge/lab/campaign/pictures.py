@@ -1,51 +1,79 @@
 """Matrices on a campaign's page: faults by cell, and faults by phase."""
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from itertools import product
+from typing import NamedTuple
 
 from hil_bridge.lab.campaign.drawing import faults_of_cell
-from hil_bridge.lab.campaign.plan import Plan, faults_of_table
+from hil_bridge.lab.campaign.plan import NO_FAULT, Plan, faults_of_table
 from hil_bridge.lab.campaign.run_text import fault_of
 from hil_bridge.lab.campaign.store import Done
+from hil_bridge.show.report.markup import across
 
 UPRIGHT_MOST = 8
 """Maximum number of columns with upright headings; above it, headings are vertical. Chosen: the width of a page."""
+_LABEL_MOST = 16
+"""Length of a heading up to which three fields are side by side on a phone, instead of two. Chosen."""
 FIRST_PHASE = "connect"
 """Label of the phase for a fault that specifies no phase."""
 
 
+class _Layout(NamedTuple):
+    """Rows and columns of a matrix, with the number of the case in each of its fields."""
+
+    corner: str
+    rows: Sequence[str]
+    columns: Sequence[str]
+    numbers: Mapping[tuple[str, str], int]
+
+
 def matrix(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render the number of passed runs of each case, with faults as rows and cells of the matrix as columns; with a
-    single fault and more cells than upright headings, the other way round.
+    """Render the number of passed runs of each case, and what the signs in it mean.
+
+    With a single fault, the columns are the values of one axis; otherwise they are the cells or the faults, whichever
+    fit a page.
     """
     done = Counter(run.number for run in runs)
     passed = Counter(run.number for run in runs if run.passed)
-    cells = list(dict.fromkeys((case.cell, case.head) for case in plan.cases))
-    by_fault: dict[str, dict[str, int]] = {}
-    for number, case in enumerate(plan.cases):
-        by_fault.setdefault(fault_of(case), {})[case.cell] = number
+    layout = _layout_of(plan)
 
-    def field(number: int | None) -> str:
+    def field(row: str, column: str) -> str:
+        number = layout.numbers.get((row, column))
         if number is None or plan.cases[number].impossible:
-            return '<td class="none" title="impossible">·</td>'
-        return _counts(passed[number], done[number])
+            return f'<td class="none" title="impossible" data-title="{escape(column)}">·</td>'
+        return _counts(passed[number], done[number], column)
 
-    if len(by_fault) == 1 and len(cells) > UPRIGHT_MOST:
-        ((fault, numbers),) = by_fault.items()
-        rows = "".join(f"<tr><th>{escape(cell)}</th>{field(numbers.get(cell))}</tr>\n" for cell, _ in cells)
-        return _scrolled("matrix few", f"<th>cell</th><th>{escape(fault)}</th>", rows)
-    few = len(cells) <= UPRIGHT_MOST
-    brief = not few and len({head for _, head in cells}) == len(cells)
-    heads = "".join(
-        f'<th title="{escape(cell)}"><span>{escape(head if brief else cell).replace("_", "_<wbr>")}</span></th>'
-        for cell, head in cells
-    )
-    rows = "".join(
-        f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell, _ in cells)}</tr>\n"
-        for fault, numbers in by_fault.items()
-    )
-    return _scrolled("matrix few" if few else "matrix", f"<th>fault and phase</th>{heads}", rows)
+    rows = [(row, [field(row, column) for column in layout.columns]) for row in layout.rows]
+    note = "Runs that passed / runs."
+    note += " · the cell does not support the fault." * (len(plan.possible) < len(plan.cases))
+    note += " ? no run yet." * any(not case.impossible and not done[n] for n, case in enumerate(plan.cases))
+    return f'{_table(layout.corner, layout.columns, rows)}<p class="quiet">{note}</p>'
+
+
+def _layout_of(plan: Plan) -> _Layout:
+    """Choose the rows and columns of the matrix."""
+    faults = list(dict.fromkeys(map(fault_of, plan.cases)))
+    cells = list(dict.fromkeys(case.cell for case in plan.cases))
+    sizes = {len(axis): place for place, axis in enumerate(plan.axes) if len(axis) <= UPRIGHT_MOST}
+    if len(plan.axes) > 1 and sizes and math.prod(map(len, plan.axes)) == len(plan.cases):
+        place = sizes[max(sizes)]
+        rows = [
+            (", ".join((*labels[:place], *labels[place + 1 :])), labels[place])
+            for labels in product(*plan.axes)
+        ]
+        corner = "" if faults == [NO_FAULT] else f"fault: {faults[0]}"
+        numbers = {field: number for number, field in enumerate(rows)}
+        return _Layout(corner, list(dict.fromkeys(row for row, _ in rows)), plan.axes[place], numbers)
+    by_cell = {(case.cell, fault_of(case)): number for number, case in enumerate(plan.cases)}
+    if len(cells) > UPRIGHT_MOST >= len(faults):
+        return _Layout("cell", cells, faults, by_cell)
+    heads = list(dict.fromkeys(case.head for case in plan.cases))
+    titles = dict(zip(cells, heads if len(heads) == len(cells) > UPRIGHT_MOST else cells, strict=True))
+    numbers = {(fault, titles[cell]): number for (cell, fault), number in by_cell.items()}
+    return _Layout("fault and phase", faults, list(titles.values()), numbers)
 
 
 def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
@@ -62,32 +90,39 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
             passed[place] += run.passed
     planned = drawn_faults(plan)
     phases = list(dict.fromkeys(phase for names in planned.values() for phase in names))
-    rows, empty = [], []
+    rows: list[tuple[str, Sequence[str]]] = []
+    empty: list[str] = []
     for (target, title), possible in planned.items():
         name, fields = f"{target}: {title}", []
         for phase in phases:
             place = target, title, phase
             if phase not in possible:
-                fields.append('<td class="none" title="not planned">·</td>')
+                fields.append(f'<td class="none" title="not planned" data-title="{escape(phase)}">·</td>')
                 continue
-            fields.append(_counts(passed[place], done[place]))
+            fields.append(_counts(passed[place], done[place], phase))
             if not done[place]:
                 empty.append(f"{name} in {phase}")
-        rows.append(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n")
-    heads = "".join(f"<th>{escape(phase)}</th>" for phase in phases)
-    return _scrolled("matrix", f"<th>fault</th>{heads}", "".join(rows)), empty
+        rows.append((name, fields))
+    return _table("fault", phases, rows), empty
 
 
-def _scrolled(style: str, head: str, rows: str) -> str:
-    """Render a matrix that scrolls sideways."""
-    return f'<div class="scroll"><table class="{style}"><tr>{head}</tr>\n{rows}</table></div>'
+def _table(corner: str, columns: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Render a matrix. A matrix with one column is a list; headings above many columns are vertical, and such a matrix
+    may scroll sideways.
+    """
+    few = len(columns) <= UPRIGHT_MOST
+    heads = "".join(f"<th><span>{escape(name).replace('_', '_<wbr>')}</span></th>" for name in columns)
+    body = "".join(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n" for name, fields in rows)
+    style = "matrix list" if len(columns) == 1 else "matrix few" if few else "matrix"
+    style += " broad" * (len(columns) == 2 or max(map(len, columns)) > _LABEL_MOST)
+    table = f'<table class="{style}"><thead><tr><th>{escape(corner)}</th>{heads}</tr></thead>\n{body}</table>'
+    return table if few else across(table)
 
 
-def _counts(passed: int, done: int) -> str:
+def _counts(passed: int, done: int, column: str) -> str:
     """Render one field of a matrix: the number of runs that passed, and the number of all runs."""
-    if not done:
-        return '<td class="none" title="no run yet">?</td>'
-    return f'<td class="{"pass" if passed == done else "fail"}">{passed}/{done}</td>'
+    style, text = ("pass" if passed == done else "fail", f"{passed}/{done}") if done else ("none", "?")
+    return f'<td class="{style}" data-title="{escape(column)}">{text}</td>'
 
 
 def drawn_faults(plan: Plan) -> dict[tuple[str, str], list[str]]:

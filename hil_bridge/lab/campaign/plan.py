@@ -82,6 +82,10 @@ class Plan:
     """Requirements that each run of the campaign verifies."""
     primary: tuple[PrimaryFigure, ...] = ()
     """Figures that comparisons begin with, and test separately from all others."""
+    axes: tuple[tuple[str, ...], ...] = ()
+    """Labels of the values of each axis of the matrix, whose product are the cells, in their order. Empty for older
+    results.
+    """
 
     @cached_property
     def possible(self) -> tuple[Case, ...]:

@@ -109,7 +109,8 @@ class _PlanReader:
         required = self._requirements(campaign.get("requirements", []))
         primary = self._primary(campaign.get("primary", []))
         base = self._base(campaign.get("config"))
-        cells = self._cells(campaign.get("matrix", {}))
+        axes = self._axes(campaign.get("matrix", {}))
+        cells = [_join(parts) for parts in itertools.product(*axes)]
         draw = self._draw(campaign)
         faults = [{}] if draw is not None and draw.most else self._faults(campaign)
         if not self._problems and len(cells) * len(faults) > CASES_LIMIT:
@@ -121,7 +122,8 @@ class _PlanReader:
                 cases = [replace(case, fault=DRAWN) for case in cases]
         if self._problems:
             raise PlanErrors(self._problems)
-        plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required, primary)
+        labels = tuple(tuple(one.label for one in axis) for axis in axes)
+        plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required, primary, labels)
         self._check_complete(plan)
         return plan
 
@@ -244,8 +246,8 @@ class _PlanReader:
             _put(values, key, value)
         return values
 
-    def _cells(self, given: object) -> list[_Cell]:
-        """Return every combination of the axes, in the order of the file."""
+    def _axes(self, given: object) -> list[list[_Cell]]:
+        """Return the axes of the matrix, in the order of the file; none if they are invalid."""
         if not isinstance(given, dict):
             self._add_problem("campaign.matrix", "must be a table of lists")
             return []
@@ -274,7 +276,7 @@ class _PlanReader:
         ):  # before any cell is built, because the cells would fill the memory
             self._add_problem("campaign.matrix", f"makes more than {CASES_LIMIT} cells")
             return []
-        return [_join(parts) for parts in itertools.product(*axes)]
+        return axes
 
     def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Return the fault tables as in [[faults]], one for each phase; an empty table is the case without a fault."""

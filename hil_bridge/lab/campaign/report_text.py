@@ -99,20 +99,25 @@ def criteria_section(criteria: Iterable[CriterionResult]) -> Section:
 
 
 def figures_section(figures: Iterable[FigureResult], title: str = "Figures by cell") -> Section:
-    """Return the table of the distribution of each figure in each cell."""
-    rows = []
-    for one in figures:
-        values = (one.least, one.median, one.largest, one.mean, one.deviation)
+    """Return the table of the distribution of each figure in each cell, or of its value if each is of one run."""
+    listed, rows = list(figures), []
+    single = all(one.runs == 1 for one in listed)
+    for one in listed:
+        definition = FIGURES[one.figure]
+        values = (one.median,) if single else (one.least, one.median, one.largest, one.mean, one.deviation)
+        some = f", {one.endless} {definition.infinite}" if 0 < one.endless < one.runs else ""
+        runs = () if single else (f"{one.runs}{some}",)
         numbers = (_value(one, value) for value in values)
-        runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
-        rows.append((one.title or FIGURES[one.figure].words, one.cell, runs, *numbers))
-    columns = ("figure", "cell", "runs", "least", "median", "largest", "mean", "deviation")
-    return Section(title, columns, rows)
+        rows.append((one.title or definition.words, one.cell, *runs, *numbers))
+    spread = ("runs", "least", "median", "largest", "mean", "deviation")
+    return Section(title, ("figure", "cell", *(("value",) if single else spread)), rows)
 
 
 def _value(result: FigureResult, value: float | None) -> str:
     """Format a value of a figure, so that it agrees with the criteria on the figure."""
     definition = FIGURES[result.figure]
+    if result.endless == result.runs:
+        return definition.infinite
     if value is None or not result.bounds:
         return definition.text(value)
     return f"{three_digits(value, result.bounds)} {definition.unit}".rstrip()

@@ -1,4 +1,4 @@
-"""Histograms of a campaign's figures over all runs."""
+"""Distributions of a campaign's figures over all runs: histograms, or dots of few values."""
 
 import math
 import statistics
@@ -12,6 +12,7 @@ from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages.svg import number
+from hil_bridge.show.report.markup import fold
 
 _COUNT_MOST = 1e6
 """Value below which an integer is displayed with all its digits. Chosen."""
@@ -19,6 +20,14 @@ BINS_FEWEST, BINS_MOST = 5, 40
 """Least and greatest number of bars of a histogram; between them, it is twice the square root of the number of runs.
 Chosen.
 """
+FEW, FEWEST = 20, 5
+"""Number of values from which a histogram replaces dots, and from which a figure without a criterion is not folded.
+Chosen.
+"""
+FIRST_MOST = 12
+"""Maximum number of figures that are not folded. Chosen: two screens of the page."""
+_DOT, _PILE = 8, 44
+"""Diameter of a dot with the gap to the next, and height of the highest pile of dots, px. Chosen."""
 _NOTHING = 1e-9
 """Magnitude below which a value is rounding, and is displayed as 0. Chosen."""
 _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
@@ -26,11 +35,13 @@ _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
 
 
 def distributions(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render a histogram of each figure, beginning with the figures that have a criterion. Figures with one value
-    in all runs share a line of text.
+    """Render the distribution of each figure, beginning with the figures that have a criterion. Figures with one
+    value in all runs share a line of text. Figures of very few runs are folded, and all beyond FIRST_MOST.
     """
     limits = {one.figure: one.limits for one in plan.criteria}
-    parts, same = [], []
+    first: list[str] = []
+    more: list[str] = []
+    same: list[str] = []
     for key in sorted(NUMBERS, key=lambda key: key not in limits):
         values = values_of(key, runs)
         if not values:
@@ -38,11 +49,17 @@ def distributions(plan: Plan, runs: Sequence[Done]) -> str:
         if values[0] == values[-1] and math.isfinite(values[0]) and len(values) > 1:
             same.append(f"{FIGURES[key].words} {FIGURES[key].text(values[0])}")
             continue
-        parts.append(_distribution(key, values, limits.get(key, {})))
-    if not parts and not same:
+        folded = len(first) == FIRST_MOST or (len(values) < FEWEST and key not in limits)
+        (more if folded else first).append(_distribution(key, values, limits.get(key, {})))
+    if not first and not more and not same:
         return "<p>none</p>"
     alike = f"<p>The same in all runs that have it: {escape('; '.join(same))}.</p>" if same else ""
-    return f'<div class="figures">{"".join(parts)}</div>{alike}'
+    others = f"<h2>{len(more)} more figures</h2>{_side_by_side(more)}" if more else ""
+    return f"{_side_by_side(first)}{alike}{fold(others, 'distributions')}"
+
+
+def _side_by_side(figures: Sequence[str]) -> str:
+    return f'<div class="figures">{"".join(figures)}</div>' if figures else ""
 
 
 def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]) -> str:
@@ -50,19 +67,23 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
     title = f"<strong>{escape(one.title)}</strong> <code>{key}</code><br>{escape(one.how)}"
     endless = len(values) - len(finite)
     if not finite:
-        return f"<figure><figcaption>{title}<br>{endless} runs, all without an end</figcaption></figure>"
+        return f"<figure><figcaption>{title}<br>{_runs(endless)}: {one.infinite}</figcaption></figure>"
     low, high = finite[0], finite[-1]
     median, late = statistics.median(finite), finite[math.ceil(0.99 * len(finite)) - 1]
-    counts = f"{len(finite)} runs" + (f", and {endless} without an end" if endless else "")
+    counts = _runs(len(finite)) + (f", and {endless} {one.infinite}" if endless else "")
     allowed = "".join(f"; required: {_bound_text(word, bound)}" for word, bound in bounds.items())
-    named = [("median", median), ("99 % ≤", late)]
+    named = [("median", median)] if len(finite) < FEW else [("median", median), ("99 % ≤", late)]
     if any(not low <= bound <= high for bound in bounds.values()):  # otherwise they are the ends of the axis
         named += [("least", low), ("largest", high)]
     numbers = ", ".join(f"{name} {_number(value, bounds.values())}" for name, value in named) + allowed
     return (
-        f"<figure><figcaption>{title}</figcaption>{_Histogram(key, finite, bounds).draw()}"
+        f"<figure><figcaption>{title}</figcaption>{_Picture(key, finite, bounds).draw()}"
         f"<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
+
+
+def _runs(count: int) -> str:
+    return f"{count} run{'s' * (count > 1)}"
 
 
 def _number(value: float, bounds: Iterable[float] = ()) -> str:
@@ -79,13 +100,13 @@ def _bound_text(word: str, bound: float) -> str:
     return f"{word.replace('_', ' ')} {bound:g}"
 
 
-class _Histogram:
-    """Histogram as SVG, with bars and bounds. Colours come from CSS classes, since a live page forbids inline
-    styles.
+class _Picture:
+    """Distribution as SVG, with bars or dots, and bounds. Colours come from CSS classes, since a live page forbids
+    inline styles.
     """
 
     def __init__(self, key: str, values: Sequence[float], bounds: Mapping[str, float]) -> None:
-        """Create a histogram. The axis is extended to a bound that is close to the range of the values."""
+        """Create a picture. The axis is extended to a bound that is close to the range of the values."""
         low, high = values[0], values[-1]
         span = high - low or abs(high) or 1.0
         self._near = {word: b for word, b in bounds.items() if low - span < b < high + span}
@@ -93,14 +114,19 @@ class _Histogram:
         self._high = max([high, *self._near.values()])
         self._span = self._high - self._low or 1.0
         self._key, self._values = key, values
-        self._bins = min(max(math.ceil(2.0 * math.sqrt(len(values))), BINS_FEWEST), BINS_MOST)
         self._room = 18 if self._near else 8
         """Height above the tallest bar, px; the label of a bound needs more."""
 
     def draw(self) -> str:
         """Return the SVG."""
-        height = _HEIGHT + _FOOT
-        parts = self._bars()
+        marks, base = self._bars() if len(self._values) >= FEW else self._dots()
+        height = base + _FOOT
+        foot = height - 3
+        parts = [
+            *marks,
+            f'<path d="M0 {base}H{_WIDTH}"/><text x="0" y="{foot}">{_number(self._low)}</text>',
+            f'<text x="{_WIDTH}" y="{foot}" text-anchor="end">{_number(self._high)}</text>',
+        ]
         for word, bound in self._near.items():
             at = self._x(bound)
             parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{height}"/>')
@@ -113,21 +139,35 @@ class _Histogram:
     def _x(self, value: float) -> float:
         return (value - self._low) / self._span * _WIDTH
 
-    def _bars(self) -> list[str]:
-        """Return the bars from the smallest to the largest value, and the labels at the ends of the axis."""
-        low, span, bins = self._low, self._span, self._bins
+    def _bars(self) -> tuple[list[str], int]:
+        """Return the bars from the smallest to the largest value, and the height of the axis."""
+        low, span = self._low, self._span
+        bins = min(max(math.ceil(2.0 * math.sqrt(len(self._values))), BINS_FEWEST), BINS_MOST)
         counts = Counter(min(int((value - low) / span * bins), bins - 1) for value in self._values)
         top, width = max(counts.values()), _WIDTH / bins
         parts = []
         for place, count in sorted(counts.items()):
             height = max(1.5, (_HEIGHT - self._room) * count / top)
             first = low + place * span / bins
-            title = f"{count} runs from {_number(first)} to {_number(first + span / bins)}"
+            title = f"{_runs(count)} from {_number(first)} to {_number(first + span / bins)}"
             parts.append(
                 f'<rect x="{place * width:.1f}" y="{_HEIGHT - height:.1f}" width="{width - 1:.1f}"'
                 f' height="{height:.1f}"><title>{title}</title></rect>'
             )
-        foot = _HEIGHT + _FOOT - 3
-        parts.append(f'<path d="M0 {_HEIGHT}H{_WIDTH}"/><text x="0" y="{foot}">{_number(low)}</text>')
-        parts.append(f'<text x="{_WIDTH}" y="{foot}" text-anchor="end">{_number(self._high)}</text>')
-        return parts
+        return parts, _HEIGHT
+
+    def _dots(self) -> tuple[list[str], int]:
+        """Return a dot for each value, on top of dots that it would hide, and the height of the axis."""
+        places = [round(self._x(value) / _DOT) for value in self._values]
+        base = self._room + _PILE
+        step = min(_DOT, _PILE / max(Counter(places).values()))
+        below: Counter[int] = Counter()
+        parts = []
+        for place, value in zip(places, self._values, strict=True):
+            y = base - _DOT / 2 - step * below[place]
+            below[place] += 1
+            title = _number(value)
+            parts.append(
+                f'<circle cx="{self._x(value):.1f}" cy="{y:.1f}" r="{_DOT / 2 - 0.5}"><title>{title}</title></circle>'
+            )
+        return parts, base

@@ -111,9 +111,11 @@ class Store:
                 store._create(plan)
             # Earlier seeds remain, even if the plan has fewer this time.
             seeds = dict.fromkeys((*store.seeds(), *plan.seeds))
-            connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps([*seeds]),))
             hosts = dict.fromkeys((*store.hosts(), gethostname()))
-            connection.execute("INSERT OR REPLACE INTO facts VALUES ('hosts', ?)", (json.dumps([*hosts]),))
+            # The plan of a resumed campaign may have other primary figures: they do not change any run.
+            facts = {"seeds": [*seeds], "hosts": [*hosts], "primary": plan.primary, "axes": plan.axes}
+            rows = [(name, msgspec.json.encode(value).decode()) for name, value in facts.items()]
+            connection.executemany("INSERT OR REPLACE INTO facts VALUES (?, ?)", rows)
             connection.commit()
         except sqlite3.Error as error:
             connection.close()
@@ -156,7 +158,6 @@ class Store:
             "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.allowed] for item in plan.criteria]),
             "requirements": json.dumps(plan.requirements),
-            "primary": msgspec.json.encode(plan.primary).decode(),
         }
         rows = [
             (number, case.cell, case.head, case.fault, case.phase, case.config, case.table, case.impossible)
@@ -270,7 +271,10 @@ class Store:
             draw = Draw.read(text) if (text := self.fact("draw")) else None
             required = msgspec.json.decode(self.fact("requirements") or "[]", type=tuple[str, ...])
             primary = msgspec.json.decode(self.fact("primary") or "[]", type=tuple[PrimaryFigure, ...])
-            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required, primary)
+            axes = msgspec.json.decode(self.fact("axes") or "[]", type=tuple[tuple[str, ...], ...])
+            return Plan(
+                self.fact("name"), self.seeds(), cases, criteria, share, draw, required, primary, axes
+            )
 
     def seeds(self) -> tuple[int, ...]:
         """Return the current seeds of the campaign, to which a later session may add seeds. Raises ConfigError."""

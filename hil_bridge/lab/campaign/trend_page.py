@@ -1,7 +1,11 @@
 """Comparison of campaigns as text and as a page."""
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from itertools import zip_longest
+from typing import NamedTuple
 
 from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
@@ -10,7 +14,7 @@ from hil_bridge.lab.text_tables import aligned
 from hil_bridge.record.analysis.definition import UNKNOWN, concise
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
-from hil_bridge.show.report.markup import across, cells, fold, prose, table
+from hil_bridge.show.report.markup import Value, cells, fold, prose, stacked
 
 SERIES_MOST = 8
 """Maximum number of cells in a chart. Chosen: the number of distinguishable colours."""
@@ -23,10 +27,26 @@ FIRST_FIGURES = 8
 _FIRST_CHARTS = 3
 """Number of charts that are not folded. Chosen: one row of the page."""
 _SETTINGS_MOST = 2
-"""Maximum number of settings named in the first sentence. Chosen: the table has all."""
-_TEXT_COLUMNS = "figure", "cell", ""
+"""Maximum number of settings named in the first sentences. Chosen: the table has all."""
+_TESTS = "adjusted p", "change"
+"""Titles of the columns with the test of a row."""
 _PLACE = "place"
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
+
+
+class _Row(NamedTuple):
+    """Row of a table of the comparison."""
+
+    labels: tuple[str, ...]
+    values: tuple[str, ...]
+    """Value in each of the results."""
+    intervals: tuple[str, ...]
+    """Interval of each value; empty if there is none."""
+    best: frozenset[int]
+    """Places of the results with the best value."""
+    more: tuple[str, ...]
+    """Texts of the columns behind the values."""
+    change: Change
 
 
 def headline(trend: Trend) -> str:
@@ -40,7 +60,9 @@ def _outcome(trend: Trend) -> str:
     worse, better = trend.significant
     if worse or better:
         return f"{worse} significantly worse, {better} better"
-    return "too few runs for a significant difference" if trend.runs_needed else "no significant difference"
+    if trend.overall.change:
+        return f"significantly {trend.overall.change} over all cells"
+    return "no significant difference" if trend.tested else "too few runs for a significant difference"
 
 
 def trend_lines(trend: Trend) -> Iterator[str]:
@@ -49,51 +71,56 @@ def trend_lines(trend: Trend) -> Iterator[str]:
         yield f"{one.name}: {one.campaign}, {one.tally.text}; {one.facts.get('Code', '')}"
     yield from setting_lines(trend.settings)
     yield headline(trend)
-    names = [one.name for one in trend.results]
-    columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
-    listed = trend.primary or sorted(trend.figures, key=_significance)[:FIGURES_MOST]
+    yield _verdict(trend).replace("`", "")
+    listed = trend.primary or _ranked(trend)[:FIGURES_MOST]
     if listed:
         yield ""
-        yield from aligned(columns, [_figure_row(row) for row in listed])
+        yield from aligned(_figure_titles(trend), [_line_of(_figure_row(trend, row)) for row in listed])
     if more := len(trend.primary) + len(trend.figures) - len(listed):
         yield f"and {more} more figures, on the page"
     differing, same = _cells(trend)
     yield ""
-    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in differing])
+    yield from aligned(_cell_titles(trend), [_line_of(_cell_row(trend, row)) for row in differing])
     if same:
         yield f"and {len(same)} more cells, the same in all results"
+    yield f"*: {_note(trend)}"
 
 
 def trend_page(trend: Trend) -> str:
     """Render the comparison as a self-contained page."""
     names = [one.name for one in trend.results]
-    worse, better = trend.significant
-    style = "bad" if worse else "good" if better else "plain"
+    style = "bad" if trend.worse else "good" if Change.BETTER in trend.changes else "plain"
     facts = list(dict.fromkeys(name for one in trend.results for name in one.facts))
     sides = [
         ("passed, failed, errors", *(one.tally.text for one in trend.results)),
         ("campaign", *(one.campaign for one in trend.results)),
         *((name, *(one.facts.get(name, UNKNOWN) for one in trend.results)) for name in facts),
     ]
-    body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
+    kind = "single runs" if _single(trend) else "medians"
+    others = f"{'Other figures' if trend.primary else 'Figures'} that differ, {kind}"
+    note = f'<p class="quiet"><strong>Bold</strong>: {escape(_note(trend))}</p>'
+    body = f"""<header class="headline"><h1>{_title(names)}</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
-{_primary_table(trend, names)}
+{f"<h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}{note}" if trend.primary else ""}
 <h2>Runs that passed, by cell</h2>
-{_cell_tables(trend, names)}
-<h2>{"Other figures" if trend.primary else "Figures"} that differ, medians by cell</h2>
-{_figure_tables(trend, names)}
-<p class="quiet">Tests compare {escape(names[0])} with {escape(names[-1])}: runs that passed by Fisher's exact test,
-figures by the Mann-Whitney test. A change is significant if its probability, adjusted after Holm for the number of
-tests, is below {trend.level:g}. Brackets hold the interval of 95 % of a median, or the range of up to five runs.</p>
+{_cell_tables(trend)}
+<h2>{others if trend.tested else "Largest differences, not tested"}</h2>
+{_other_figures(trend)}{"" if trend.primary else note}
 {_setting_table(trend, names)}
 {_course(trend)}
-{fold(f"<h2>The results</h2>{cells(('', *names), sides, 'narrow')}")}"""
+{fold(f"<h2>The results</h2>{cells(('', *names), sides, 'sides')}")}"""
     return document(f"compared: {', '.join(names)}", body)
 
 
+def _title(names: Sequence[str]) -> str:
+    return (
+        escape(" and ".join(names)) + " compared" if len(names) == 2 else f"{len(names)} campaigns compared"
+    )
+
+
 def point(trend: Trend) -> str:
-    """Return in one or two sentences what differs, how many runs passed, and which results are better by what."""
+    """Return in two or three sentences which results are better by what, how many runs passed, and what differs."""
     first, last = trend.results[0], trend.results[-1]
     settings = trend.settings
     differ = [
@@ -102,38 +129,69 @@ def point(trend: Trend) -> str:
     if len(settings) > _SETTINGS_MOST:
         differ = [f"{len(settings)} settings differ"]
     passed = [f"{one.tally.passed} of {one.tally.total} runs passed in `{one.name}`" for one in (first, last)]
-    sentence = "; ".join([*(differ or ["no setting differs"]), " and ".join(passed)])
-    return f"{sentence[:1].upper()}{sentence[1:]}. {_strongest(trend)}"
+    return f"{_verdict(trend)} {', '.join(passed)}; {'; '.join(differ) or 'no setting differs'}."
 
 
-def _strongest(trend: Trend) -> str:
-    """Describe the most significant change of a cell or figure in one sentence; if none is significant, the nearest."""
-    changes: list[CellChange | FigureChange] = [*trend.cells, *trend.primary, *trend.figures]
-    tested = [row for row in changes if row.adjusted is not None]
-    if not tested:
-        return "No difference can be tested."
-    row = min(tested, key=_significance)
-    if row.change is Change.NONE and trend.runs_needed:
-        return (
-            f"No figure can differ significantly with so few runs; from {trend.runs_needed} seeds on, it can."
-        )
+def _verdict(trend: Trend) -> str:
+    """Return in one sentence how many figures are better and worse, with the most significant change."""
+    last = f"`{trend.results[-1].name}`"
+    levels: tuple[tuple[str, Sequence[CellChange | FigureChange]], ...] = (
+        ("primary figures", trend.primary),
+        ("cells and figures", (*trend.cells, *trend.figures)),
+    )
+    for kind, rows in levels:
+        if judged := [row for row in rows if row.change in (Change.BETTER, Change.WORSE)]:
+            counts = _counts(Counter(row.change for row in judged), len(rows))
+            clearest = _describe(min(judged, key=_significance))
+            return f"{last} is significantly {counts} {kind}; the clearest is {clearest}."
+    if trend.overall.change:
+        return f"{last} is significantly {trend.overall.change} over all: {_describe(trend.overall)}."
+    if not (listed := trend.primary or trend.figures):
+        return "No figure differs."
+    kind = "primary figures" if trend.primary else "figures that differ"
+    better = f"{last} is {_counts(Counter(row.direction for row in listed), len(listed))} {kind}"
+    if trend.tested:
+        return f"{better}, by their medians; none of them significantly."
+    return f"{better}, not tested; from {trend.runs_needed} seeds on, a difference can be significant."
+
+
+def _counts(changes: Mapping[Change, int], count: int) -> str:
+    return f"better in {changes[Change.BETTER]} and worse in {changes[Change.WORSE]} of {count}"
+
+
+def _describe(row: CellChange | FigureChange) -> str:
+    """Describe a significant change."""
     if isinstance(row, FigureChange):
-        before, after = (_median_text(row, value) for value in (row.medians[0], row.medians[-1]))
-        what = f"{row.label}, {before} → {after}"
+        what = f"{row.label} at {row.cell}"
+        before, after = (_median_text(row, place) for place in (0, -1))
     else:
-        what = f"runs that passed, {_count(row.tallies[0])} → {_count(row.tallies[-1])}"
-    detail = f"{what} at {row.cell} (adjusted p {_probability(row.adjusted)})"
-    if row.change in (Change.BETTER, Change.WORSE):
-        return f"`{trend.results[-1].name}` is {row.change.value}: {detail}."
-    return f"No difference is significant; the nearest is {detail}."
+        what = f"runs that passed, {row.cell}"
+        before, after = _count(row.tallies[0]), _count(row.tallies[-1])
+    return f"{what}: {before} → {after} ({row.change}, adjusted p {_probability(row.adjusted)})"
 
 
-def _primary_table(trend: Trend, names: Sequence[str]) -> str:
-    if not trend.primary:
-        return ""
-    rows = [(_figure_row(row), row.change) for row in trend.primary]
-    columns = ("figure", "cell", *names, "p", "adjusted", "")
-    return f"<h2>Primary figures, medians</h2>{_render_marked(columns, rows)}"
+def _note(trend: Trend) -> str:
+    """Explain the values and the tests of the tables in a few sentences."""
+    first, last = trend.results[0].name, trend.results[-1].name
+    best = "better" if len(trend.results) == 2 else "best"
+    where = ", where the change is significant" * trend.tested
+    parts = [f"{best}{where}. The difference is {last} minus {first}."]
+    if not _single(trend):
+        parts.append("Brackets hold the interval of 95 % of a median, or the range of up to five runs.")
+    if not trend.tested:
+        parts.append(f"Nothing is tested with so few runs; a test needs {trend.runs_needed} seeds.")
+    else:
+        parts.append(
+            f"Tests compare {first} with {last}: runs that passed by Fisher's exact test, figures by the Mann-Whitney "
+            "test. A change is significant if p, adjusted after Holm for the number of tests, is below "
+            f"{trend.level:g}."
+        )
+    return " ".join(parts)
+
+
+def _single(trend: Trend) -> bool:
+    """Return whether every figure is that of a single run."""
+    return all(count <= 1 for row in (*trend.primary, *trend.figures) for count in row.runs)
 
 
 def _course(trend: Trend) -> str:
@@ -156,49 +214,89 @@ def _cells(trend: Trend) -> tuple[Sequence[CellChange], Sequence[CellChange]]:
     """
     if len(trend.cells) == 1:
         return trend.cells, ()
-    differing = [row for row in trend.cells if len(set(map(_count, row.tallies))) > 1]
-    return [trend.overall, *differing], [row for row in trend.cells if row not in differing]
+    differing = [row for row in trend.cells if row.best]
+    return [trend.overall, *differing], [row for row in trend.cells if not row.best]
 
 
-def _cell_tables(trend: Trend, names: Sequence[str]) -> str:
+def _cell_tables(trend: Trend) -> str:
     """Render the counts of runs by cell; the cells that are the same in all results are folded."""
-    columns = ("cell", *names, "p", "adjusted", "")
     differing, same = (
-        _render_marked(columns, [(_cell_row(row), row.change) for row in rows]) if rows else ""
+        _render(_cell_titles(trend), [_cell_row(trend, row) for row in rows]) if rows else ""
         for rows in _cells(trend)
     )
     count = len(_cells(trend)[1])
     return differing + fold(f"<h2>{count} more cells, the same in all results</h2>{same}" * bool(same))
 
 
-def _cell_row(row: CellChange) -> tuple[str, ...]:
-    counts = map(_count, row.tallies)
-    return row.cell, *counts, _probability(row.probability), _probability(row.adjusted), row.change.value
+def _cell_titles(trend: Trend) -> tuple[str, ...]:
+    return "cell", *(one.name for one in trend.results), *_TESTS * trend.tested
+
+
+def _cell_row(trend: Trend, row: CellChange) -> _Row:
+    counts = tuple(map(_count, row.tallies))
+    return _Row(
+        (row.cell,),
+        counts,
+        ("",) * len(counts),
+        _best(trend, row),
+        _test_texts(row) * trend.tested,
+        row.change,
+    )
 
 
 def _count(tally: Tally) -> str:
     return f"{tally.passed}/{tally.total}" if tally.total else UNKNOWN
 
 
-def _figure_row(row: FigureChange) -> tuple[str, ...]:
-    medians = (
-        "∞" if count and median is None else _median_text(row, median, interval)
-        for count, median, interval in zip(row.runs, row.medians, row.intervals, strict=True)
-    )
-    test = _probability(row.probability), _probability(row.adjusted), row.change.value
-    return row.label, row.cell, *medians, *test
+def _figure_titles(trend: Trend) -> tuple[str, ...]:
+    names = (one.name for one in trend.results)
+    return "figure", "cell", *names, "difference", *_TESTS * trend.tested
 
 
-def _median_text(row: FigureChange, median: float | None, interval: tuple[float, float] | None = None) -> str:
-    """Format a median, with its interval if there is one."""
+def _figure_row(trend: Trend, row: FigureChange) -> _Row:
+    medians = tuple(_median_text(row, place) for place in range(len(row.medians)))
+    intervals = tuple(_interval_text(row, interval) for interval in row.intervals)
+    more = (_difference_text(row), *_test_texts(row) * trend.tested)
+    return _Row((row.label, row.cell), medians, intervals, _best(trend, row), more, row.change)
+
+
+def _best(trend: Trend, row: CellChange | FigureChange) -> frozenset[int]:
+    """Return the places of the best value; none if it was tested and is not significantly better."""
+    return frozenset() if trend.tested and not row.change else row.best
+
+
+def _difference_text(row: FigureChange) -> str:
+    """Format the last median minus the first, each rounded as the table shows it; a dash if one is infinite."""
     definition = FIGURES[row.figure]
+    form, scale = definition.form, definition.scale
+    known = [float(f"{one * scale:{form}}") for one in (row.medians[0], row.medians[-1]) if one is not None]
+    difference = known[1] - known[0] if len(known) > 1 else None
+    return concise(difference, 1.0, f"+{form.lstrip('+')}", definition.unit)
 
-    def text(value: float | None, unit: str) -> str:
-        return concise(value, definition.scale, definition.form, unit)
 
-    if interval is None or interval[0] == interval[1]:
-        return text(median, definition.unit)
-    return f"{text(median, definition.unit)} ({text(interval[0], '')} … {text(interval[1], '')})"
+def _median_text(row: FigureChange, place: int) -> str:
+    """Format a median of the results at a place."""
+    if not row.runs[place]:
+        return UNKNOWN
+    median = row.medians[place]
+    return _number(row, math.inf if median is None else median, FIGURES[row.figure].unit)
+
+
+def _interval_text(row: FigureChange, interval: tuple[float, float] | None) -> str:
+    ends = dict.fromkeys(_number(row, value) for value in interval or ())
+    return f"({' … '.join(ends)})" if len(ends) > 1 else ""
+
+
+def _number(row: FigureChange, value: float, unit: str = "") -> str:
+    definition = FIGURES[row.figure]
+    if not math.isfinite(value):
+        return definition.infinite
+    return concise(value, definition.scale, definition.form, unit)
+
+
+def _test_texts(row: CellChange | FigureChange) -> tuple[str, ...]:
+    """Return the texts of the columns _TESTS."""
+    return _probability(row.adjusted), row.change.value
 
 
 def _probability(value: float | None) -> str:
@@ -209,49 +307,71 @@ def _probability(value: float | None) -> str:
 
 def _significance(row: CellChange | FigureChange) -> tuple[float, float, float]:
     """Return a key that sorts rows by significance, and equally significant figures by their relative change."""
-    change = 0.0
-    if isinstance(row, FigureChange):
-        first, last = row.medians[0], row.medians[-1]
-        change = 1.0
-        if first is not None and last is not None:
-            change = abs(last - first) / ((abs(first) + abs(last)) or 1.0)
     return (
         2.0 if row.adjusted is None else row.adjusted,
         2.0 if row.probability is None else row.probability,
-        -change,
+        -_relative_change(row) if isinstance(row, FigureChange) else 0.0,
     )
 
 
-def _figure_tables(trend: Trend, names: Sequence[str]) -> str:
-    """Render the figures that differ, the most significant first; most of those that are not significant are folded."""
-    rows = sorted(trend.figures, key=_significance)
+def _relative_change(row: FigureChange) -> float:
+    """Return the change of the median as a share of both medians and the smallest relevant difference, from 0 to 1."""
+    first, last = row.medians[0], row.medians[-1]
+    if first is None or last is None:
+        return float(first is not last)
+    return abs(last - first) / ((abs(first) + abs(last) + (FIGURES[row.figure].least or 0.0)) or 1.0)
+
+
+def _ranked(trend: Trend) -> list[FigureChange]:
+    """Return the figures that are not primary: the most significant first, then of each figure the cell in which it
+    changed most, and then the others, beginning with the figures that have a preferred direction.
+    """
+    significant = sorted((row for row in trend.figures if row.change), key=_significance)
+    others = [row for row in trend.figures if not row.change]
+    by_figure: dict[str, list[FigureChange]] = {}
+    for row in sorted(others, key=lambda row: (row.direction is Change.OTHER, -_relative_change(row))):
+        by_figure.setdefault(row.figure, []).append(row)
+    turns = zip_longest(*by_figure.values())
+    return [*significant, *(row for rows in turns for row in rows if row is not None)]
+
+
+def _other_figures(trend: Trend) -> str:
+    """Render the figures that are not primary; most of those that are not significant are folded."""
+    rows = _ranked(trend)
     if not rows:
         return "<p>Every figure is the same in all results.</p>"
-    columns = ("figure", "cell", *names, "p", "adjusted", "")
     first = max(FIRST_FIGURES, sum(row.change is not Change.NONE for row in rows))
-    marked = [(_figure_row(row), row.change) for row in rows]
-    more = f"<h2>{len(rows) - first} more figures</h2>{_render_marked(columns, marked[first:])}"
-    return _render_marked(columns, marked[:first]) + (fold(more) if len(rows) > first else "")
+    more = f"<h2>{len(rows) - first} more figures</h2>{_figure_table(trend, rows[first:])}"
+    return _figure_table(trend, rows[:first]) + (fold(more) if len(rows) > first else "")
 
 
-def _render_marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]) -> str:
-    """Render a table whose last column is coloured by the change in it. On a phone, each value has the title of its
-    column.
-    """
-    numeric = ["" if name in _TEXT_COLUMNS else "count" for name in columns]
-    head = "".join(
-        f'<th class="{style}">{escape(name)}</th>' for style, name in zip(numeric, columns, strict=True)
-    )
+def _figure_table(trend: Trend, rows: Sequence[FigureChange]) -> str:
+    return _render(_figure_titles(trend), [_figure_row(trend, row) for row in rows])
 
-    def field(title: str, text: str, style: str) -> str:
-        return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td>'
 
-    body = [
-        "".join(field(*one) for one in zip(columns, texts[:-1], numeric, strict=False))
-        + field("", texts[-1], _CLASSES[change])
-        for texts, change in rows
+def _render(titles: Sequence[str], rows: Sequence[_Row]) -> str:
+    """Render a table with the best value of each row in bold, and its significant change coloured."""
+    lines: list[Sequence[str | Value]] = [
+        (
+            *row.labels,
+            *(
+                Value(text, "best" if place in row.best else "", interval)
+                for place, (text, interval) in enumerate(zip(row.values, row.intervals, strict=True))
+            ),
+            *(Value(text, _CLASSES[row.change] if text == row.change else "") for text in row.more),
+        )
+        for row in rows
     ]
-    return across(table(body, "narrow steps", f"<thead><tr>{head}</tr></thead>"))
+    return stacked(titles, lines, titles.index("cell") + 1)
+
+
+def _line_of(row: _Row) -> tuple[str, ...]:
+    """Return a row as text, with an asterisk at the best value."""
+    values = [
+        f"{text} {interval}".rstrip() + " *" * (place in row.best)
+        for place, (text, interval) in enumerate(zip(row.values, row.intervals, strict=True))
+    ]
+    return *row.labels, *values, *row.more
 
 
 def trend_charts(trend: Trend) -> Charts:
@@ -290,7 +410,7 @@ def trend_charts(trend: Trend) -> Charts:
         zero=True,
     )
     by_figure: dict[str, dict[str, Sequence[float | None]]] = {}
-    for row in (*trend.primary, *sorted(trend.figures, key=_significance)):
+    for row in (*trend.primary, *_ranked(trend)):
         by_figure.setdefault(row.figure, {})[row.cell] = row.medians
     for key, medians in list(by_figure.items())[:CHARTS_MOST]:
         add(key, f"Median: {FIGURES[key].words}", FIGURES[key].unit, medians)

@@ -68,6 +68,11 @@ class CellChange(Struct, frozen=True):
     """Probability adjusted by Holm's method for the number of cells."""
     change: Change
 
+    @property
+    def best(self) -> frozenset[int]:
+        """Places of the results with the largest share of passed runs; empty if it is the same in all of them."""
+        return _least([-one.passed / one.total if one.total else None for one in self.tallies])
+
 
 class FigureChange(Struct, frozen=True):
     """Medians of one figure of a cell in each of the results. The test compares the first results with the last
@@ -94,6 +99,30 @@ class FigureChange(Struct, frozen=True):
         """Title of a primary figure, and the words of another figure."""
         return self.title or FIGURES[self.figure].words
 
+    @property
+    def direction(self) -> Change:
+        """Direction in which the median changed, whether significantly or not."""
+        first, last = (self._cost(place) for place in (0, len(self.medians) - 1))
+        if first is None or last is None:
+            return Change.OTHER
+        return Change.NONE if first == last else Change.WORSE if last > first else Change.BETTER
+
+    @property
+    def best(self) -> frozenset[int]:
+        """Places of the results with the best median; empty if all are equally good."""
+        return _least([self._cost(place) for place in range(len(self.medians))])
+
+    def _cost(self, place: int) -> float | None:
+        """Return a number that is the smaller, the better the median of these results is; None if no run has the
+        figure, or if it has no preferred direction.
+        """
+        good, median = FIGURES[self.figure].good, self.medians[place]
+        if good is Good.NONE or not self.runs[place]:
+            return None
+        if median is None:  # a time that never ended
+            return math.inf
+        return abs(median) if good is Good.NEAR_ZERO else median
+
 
 _Row = TypeVar("_Row", CellChange, FigureChange)
 
@@ -116,7 +145,13 @@ class Trend(Struct, frozen=True):
     @property
     def worse(self) -> bool:
         """Whether any cell or figure is significantly worse in the last results than in the first."""
-        return self.overall.change is Change.WORSE or self.significant[0] > 0
+        return Change.WORSE in self.changes
+
+    @property
+    def changes(self) -> frozenset[Change]:
+        """Significant changes over all cells, of single cells, and of figures."""
+        figures = (one.change for one in (*self.primary, *self.figures))
+        return frozenset((self.overall.change, *(one.change for one in self.cells), *figures)) - {Change.NONE}
 
     @property
     def significant(self) -> tuple[int, int]:
@@ -126,6 +161,11 @@ class Trend(Struct, frozen=True):
         changes = [one.change for one in self.cells]
         changes += [one.change for one in (*self.primary, *self.figures)]
         return changes.count(Change.WORSE), changes.count(Change.BETTER)
+
+    @property
+    def tested(self) -> bool:
+        """Whether there are enough runs for the tests, or a difference is significant with fewer."""
+        return not self.runs_needed or bool(self.changes)
 
     @property
     def runs_needed(self) -> int:
@@ -214,14 +254,14 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def _figure_change(row: FigureChange) -> Change:
-    good, first, last = FIGURES[row.figure].good, row.medians[0], row.medians[-1]
-    if good is Good.NONE or first == last:
-        return Change.OTHER
-    if first is None or last is None:  # an infinite median is a time that never ends
-        return Change.WORSE if last is None else Change.BETTER
-    if good is Good.NEAR_ZERO:
-        first, last = abs(first), abs(last)
-    return Change.WORSE if last > first else Change.BETTER
+    return row.direction or Change.OTHER
+
+
+def _least(costs: Sequence[float | None]) -> frozenset[int]:
+    """Return the places of the smallest number; none if all numbers are equal."""
+    known = {cost for cost in costs if cost is not None}
+    least = min(known) if len(known) > 1 else None
+    return frozenset(place for place, cost in enumerate(costs) if cost is not None and cost == least)
 
 
 def _adjust(rows: Sequence[_Row], change_of: Callable[[_Row], Change]) -> list[_Row]:

@@ -64,6 +64,11 @@ class Definition:
         """Description of how the figure is computed, with its unit, in one line."""
         return f"{self.how}, {self.unit}" if self.unit else self.how
 
+    @property
+    def infinite(self) -> str:
+        """Text of an infinite value: a time that never ended, or a quantity that does not exist."""
+        return "never" if self.unit in ("s", "cycles") else "none"
+
     def text(self, value: float | None) -> str:
         """Format a value with its unit; return a dash if it is unknown."""
         return quantity(value, self.scale, self.form, self.unit)
@@ -76,7 +81,7 @@ def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
     text = f"{value * scale:{form}}"
     if text[0] in "+-" and not text.strip("+-0."):
         text = "0"
-    named = "cycle" if (text, unit) == ("1", "cycles") else unit
+    named = "cycle" if (text.lstrip("+-"), unit) == ("1", "cycles") else unit
     return f"{text} {named}".rstrip().replace("-", "−")
 
 

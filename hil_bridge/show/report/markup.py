@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
+from typing import NamedTuple
 
 from hil_bridge.show.report.figures import Row
 
@@ -57,6 +58,34 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     head = "<thead><tr>" + "".join(f"<th>{escape(title)}</th>" for title in titles) + "</tr></thead>\n"
     body = ("".join(f"<td>{escape(text)}</td>" for text in line) for line in lines)
     return across(table(body, style, head))
+
+
+class Value(NamedTuple):
+    """Value in a table, with a style and small print after it."""
+
+    text: str
+    style: str = ""
+    note: str = ""
+
+
+def stacked(titles: Sequence[str], lines: Iterable[Sequence[str | Value]], texts: int = 2) -> str:
+    """Render a table whose first columns are `texts`, and the others are values. On a phone, each value is below the
+    title of its column.
+    """
+    styles = ["text" if place < texts else "count" for place in range(len(titles))]
+    head = "".join(
+        f'<th class="{style}">{escape(title)}</th>' for title, style in zip(titles, styles, strict=True)
+    )
+
+    def field(title: str, style: str, cell: str | Value) -> str:
+        text, more, note = Value(cell) if isinstance(cell, str) else cell
+        small = f" <small>{escape(note)}</small>" if note else ""
+        style = f"{style} {more}".rstrip()
+        return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}{small}</td>'
+
+    body = ("".join(map(field, titles, styles, line)) for line in lines)
+    style = "narrow stacked single" if len(titles) == texts + 1 else "narrow stacked"
+    return across(table(body, style, f"<thead><tr>{head}</tr></thead>"))
 
 
 def setting_cells(titles: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
