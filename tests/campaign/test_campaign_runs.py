@@ -95,18 +95,19 @@ def test_additional_seeds_extend_results_file(tmp_path: Path) -> None:
         assert sorted(job.seed for job in missing(plan, store)) == [2, 2]
 
 
-def test_resumed_campaign_has_primary_figures_of_its_file(tmp_path: Path) -> None:
-    """They do not change any run, and neither do the axes that an older results file lacks."""
+def test_resumed_campaign_has_facts_of_its_file(tmp_path: Path) -> None:
+    """Primary figures and requirements do not change any run, and neither do axes that an older results file lacks."""
     plan = read_plan(study(tmp_path, 1))
     with Store.begin(tmp_path / "a.sqlite", plan) as store:
         store.keep("axes", "[]")
     text = (
-        STUDY
+        STUDY.replace("[campaign]\n", '[campaign]\nrequirements = ["REQ-7"]\n')
         + '[[campaign.primary]]\ntitle = "peak"\ncase = "task.force_n 8.0"\nfigure = "force_true_max_n"\n'
     )
     resumed = read_plan(study(tmp_path, 1, text))
     with Store.begin(tmp_path / "a.sqlite", resumed) as store:
         assert [one.title for one in store.plan().primary] == ["peak"]
+        assert store.plan().requirements == ("REQ-7",)
         assert store.plan().axes == plan.axes
     with Store.begin(tmp_path / "a.sqlite", plan) as store:
         assert store.plan().primary == ()

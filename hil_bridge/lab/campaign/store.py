@@ -112,8 +112,14 @@ class Store:
             # Earlier seeds remain, even if the plan has fewer this time.
             seeds = dict.fromkeys((*store.seeds(), *plan.seeds))
             hosts = dict.fromkeys((*store.hosts(), gethostname()))
-            # The plan of a resumed campaign may have other primary figures: they do not change any run.
-            facts = {"seeds": [*seeds], "hosts": [*hosts], "primary": plan.primary, "axes": plan.axes}
+            # The plan of a resumed campaign may have other requirements and primary figures: they change no run.
+            facts = {
+                "seeds": [*seeds],
+                "hosts": [*hosts],
+                "requirements": plan.requirements,
+                "primary": plan.primary,
+                "axes": plan.axes,
+            }
             rows = [(name, msgspec.json.encode(value).decode()) for name, value in facts.items()]
             connection.executemany("INSERT OR REPLACE INTO facts VALUES (?, ?)", rows)
             connection.commit()
@@ -157,7 +163,6 @@ class Store:
             "cases_per_seed": str(plan.cases_per_seed),
             "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.allowed] for item in plan.criteria]),
-            "requirements": json.dumps(plan.requirements),
         }
         rows = [
             (number, case.cell, case.head, case.fault, case.phase, case.config, case.table, case.impossible)
