@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 import pytest
 
 import hil_bridge
+from hil_bridge.clock.order import VirtualOrder
+from hil_bridge.clock.virtual import VirtualLoop
 from hil_bridge.testing import SUITE_VERSION
 from hil_bridge.testing.plugin import SUITES
 
@@ -77,7 +79,10 @@ def test_summary_counts_tests_and_failed_run_is_saved(pytester: pytest.Pytester)
     )
 
 
-def test_order_of_callbacks_is_drawn_by_option(pytester: pytest.Pytester) -> None:
+def test_order_of_callbacks_is_drawn_by_option(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(VirtualLoop, "usual_order", VirtualOrder())
     pytester.makepyfile(
         test_mine="""
         from hil_bridge.clock import Clock, run_virtual
