@@ -28,7 +28,7 @@ from tools.chromium import Page, browser
 from tools.web_run import WebRun
 
 PLACE = Path(__file__).resolve().parent.parent / "docs" / "pictures"
-SCREEN, PAPER, PHONE = (1440, 1000), (1240, 1100), (390, 1700)
+SCREEN, ENDED, PAPER, PHONE = (1440, 1000), (1440, 1250), (1240, 1100), (390, 1700)
 """Width and height, px."""
 STOPPED = """
 [cell]
@@ -68,6 +68,7 @@ async def take_run(page: Page, folder: Path, place: Path) -> None:
         await page.until(f"window.hilPage && hilPage.charts.sources.cycle?.x.length && {TRACKED}")
         await page.screenshot(place / "web-live.png")
         await page.until("!document.getElementById('outcome').hidden")
+        await page.size(*ENDED)
         await asyncio.sleep(_DRAWN_S)
         await page.screenshot(place / "web-fault.png")
         await page.size(*PHONE, phone=True)

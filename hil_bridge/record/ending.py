@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import msgspec
 
-from hil_bridge.errors.causes import Cause, Reason, describe_lateness
+from hil_bridge.errors.causes import Cause, Reason
 
 
 class Check(StrEnum):
@@ -67,7 +67,8 @@ class RunEnd:
     @property
     def retracted(self) -> bool | None:
         """Whether the tool was off the surface at the end; None if the tool never moved, or if the state is unknown."""
-        return retracted_in(self.rest)
+        retracted = self.rest.get("retracted")
+        return retracted if isinstance(retracted, bool) else None
 
     @property
     def text(self) -> str:
@@ -94,12 +95,6 @@ class RunEnd:
         }
 
 
-def retracted_in(rest: Mapping[str, object]) -> bool | None:
-    """Return whether the tool was off the surface at the end, from `RunEnd.rest`; None if unknown."""
-    retracted = rest.get("retracted")
-    return retracted if isinstance(retracted, bool) else None
-
-
 def reason_of(end: Mapping[str, str]) -> Reason | None:
     """Return the reason why a recorded run ended, from the metadata of its end; None for a completed run."""
     if end.get("cause", "") not in set(Cause):
@@ -122,23 +117,3 @@ def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
         return msgspec.json.decode(end.get("followed") or "[]", type=tuple[Reason, ...])
     except msgspec.DecodeError:  # written by an earlier version
         return ()
-
-
-def describe_end(end: Mapping[str, str]) -> dict[str, object]:
-    """Describe the end for a page: outcome, cause, remedy, tool position, consequences, and whether the tool was
-    retracted.
-    """
-    reason = reason_of(end)
-    try:
-        rest = msgspec.json.decode(end.get("rest") or "{}", type=dict[str, object])
-    except msgspec.DecodeError:
-        rest = {}
-    return {
-        "outcome": end.get("outcome", ""),
-        "cause": "" if reason is None else reason.fact,
-        "late": "" if reason is None else describe_lateness(reason.late_s),
-        "remedy": "" if reason is None else reason.remedy,
-        "left": end.get("place", "") or end.get("left", ""),
-        "retracted": retracted_in(rest),
-        "followed": [followed.fact for followed in followed_of(end)],
-    }

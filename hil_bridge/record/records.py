@@ -245,6 +245,11 @@ class FaultNote(Struct, frozen=True):
         """Target and name of the fault, for display."""
         return f"{self.target}: {self.name}"
 
+    @property
+    def phrase(self) -> str:
+        """Target and name of the fault, in a sentence."""
+        return f"{self.target} {self.name}".replace("-", " ")
+
 
 class EventRecord(Struct, frozen=True):
     """Event of a run, for example the start of a phase, a late answer of a device, or a stop by the supervisor."""

@@ -293,7 +293,10 @@ class Zeroing:
                     "zero",
                     cause=Cause.ZERO_SILENT,
                 ) from None
-            text = f"zero taken: {_wrench_text(before.mean)}; {zero.force:.2f} N of it unexplained"
+            force, moment = (
+                concise(math.hypot(*part), 1, ".2f", "") for part in (before.mean[:3], before.mean[3:])
+            )
+            text = f"zero taken: {force} N, {moment} N·m; {zero.force:.2f} N unexplained"
             self._report(text, Check.ZERO)
         return Zero(lifted, contact)
 

@@ -108,6 +108,15 @@ def test_timeline_of_sensor_has_readings_after_fault() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("begin", "labels"), [(-0.75, ["−0.5", "0", "1", "2"]), (-0.05, ["0", "0.5", "1", "1.5", "2"])]
+)
+def test_timeline_axis_has_negative_time_if_there_is_room(begin: float, labels: list[str]) -> None:
+    line = TimeLine([Moment(2.0, "end")], [Interval("client", begin, 2.0)], "the stop")
+    ticks = re.findall(r'<text class="quiet"[^>]*>(.*?)</text>', timeline(line))
+    assert sorted(ticks, key=lambda text: float(text.replace("−", "-"))) == labels
+
+
 def test_page_begins_with_verdict_and_escapes_client() -> None:
     failed = replace(run_scenario(EgmClient, "blind", "stopped"), output="<b>\x1b[2J\n")
     passed = replace(failed, name="nominal", verdict=Verdict(Outcome.PASSED, "moved"))
@@ -132,7 +141,10 @@ def test_page_warns_of_busy_computer_and_copies_command() -> None:
     one = run_scenario(EgmClient, "blind", "stopped")
     one.seen.late_s = 0.2
     text = conform_page(robot_trial(), [one], COMMAND, TESTED_AT)
-    assert '<p class="bar caution">Note: this process was late by up to 200 ms in stopped: a busy' in text
+    assert (
+        '<p class="bar caution"><b>Caution:</b>this computer was too busy in stopped: hil-bridge was late by'
+        in text
+    )
     assert "</code><button type=" in text
     assert "[data-copy]" in text
 

@@ -236,7 +236,7 @@ def test_judging_reports_busy_computer() -> None:
     late = [replace(RESULTS[0], seen=replace(WELL, late_s=0.208)), RESULTS[1]]
     (line,) = lateness(late)
     assert line.startswith(
-        "this process was late by up to 208 ms in nominal: a busy computer may change a verdict"
+        "this computer was too busy in nominal: hil-bridge was late by up to 208 ms, which may change a verdict"
     )
 
 

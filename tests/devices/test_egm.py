@@ -111,8 +111,12 @@ NOT_GUIDED = (
 ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log"
 SESSION = "the controller started another EGM session"
 REFUSALS: dict[str, tuple[str, str, str]] = {
-    "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch them on"),
-    "program stopped": (fault("robot", "program-stopped"), "", "the RAPID program is stopped; start it"),
+    "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch the motors on"),
+    "program stopped": (
+        fault("robot", "program-stopped"),
+        "",
+        "the RAPID program is stopped; start the program",
+    ),
     "program restarted": (fault("robot", "program-restarted"), "", SESSION),
     "EGMStop": (fault("robot", "guidance-ended"), "", NOT_GUIDED),
     "a CondTime that ends the run": ("", "cond_time_s = 1.0", NOT_GUIDED),

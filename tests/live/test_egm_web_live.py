@@ -174,7 +174,7 @@ def test_doctor_reads_web_services_of_url() -> None:
 
     assert run_real(main) == [
         "ok    robot.url: RobotWare 7.00.00.00, motors motoron, mode AUTO, RAPID stopped",
-        "fail  robot.url: the RAPID program is stopped (stopped); start it",
+        "fail  robot.url: the RAPID program is stopped (stopped); start the program",
     ]
 
 

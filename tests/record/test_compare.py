@@ -12,6 +12,8 @@ from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventKind, EventRecord, Recording
+from hil_bridge.record.analysis.definition import difference
+from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.report.compare import BEGIN, compare_page, names_of
 from tests.record.written_recordings import cycle_of
 
@@ -56,10 +58,9 @@ def test_compare_aligns_runs_at_contact() -> None:
         assert source["force"] == [cycle.force for cycle in recording.cycles]
         assert max(source["force"]) == force
         assert set(source["lateral"]) == {5.0}
-    assert [series["label"] for series in reported["charts"][0]["series"]] == ["a", EVIL]
+    assert [series["label"] for series in reported["charts"][0]["series"]] == ["a", "target", EVIL]
     assert [mark["text"] for mark in reported["marks"]] == [f"{EVIL}: stop: {EVIL}"]
     assert reported["charts"][0]["limits"] == [
-        {"value": 10.0, "label": "target", "kind": "target", "shown": True},
         {"value": 50.0, "label": "force limit"},
     ]
     rows = re.findall(
@@ -111,6 +112,27 @@ def test_compare_of_two_runs_has_differences() -> None:
     assert "<th>b − a</th>" not in compare_page({"a": first, "b": second, "c": third})
 
 
+def test_difference_is_that_of_displayed_values() -> None:
+    assert difference(0.8149, 1.0861, FIGURES["rms_error_n"]) == "+0.28 N"
+    assert difference(9.951, 11.249, FIGURES["rms_error_n"]) == "+1.25 N"
+    assert difference(12.44, 1.56, FIGURES["overshoot_percent"]) == "−10.8 points"
+
+
+def test_compare_names_controller_and_warns_of_other_task() -> None:
+    first, second = (run(9.0, 20, {"task": {"force_n": force_n}}) for force_n in (9.0, 14.0))
+    second = replace(second, metadata={**second.metadata, "controller": "predictive"})
+    page = compare_page({"a": first, "b": second})
+    caution = "target force 9 N in <code>a</code>, 14 N in <code>b</code>"
+    assert page.index(f'<p class="bar caution"><b>Different tasks:</b>{caution}.') < page.index(
+        "data-charts="
+    )
+    assert page.count("</i>b: predictive</th>") == 3, "both tables of figures, and the ends"
+    assert '"label":"a: pi"' in page
+    same = compare_page({"a": first, "b": first})
+    assert "bar caution" not in same.rpartition("</style>")[2]
+    assert "</i>a</th>" in same
+
+
 def test_compare_draws_target_of_each_run_if_they_differ() -> None:
     first = run(9.0, 20, {})
     second = replace(first, cycles=tuple(structs.replace(one, force_reference=12.0) for one in first.cycles))
@@ -118,7 +140,10 @@ def test_compare_draws_target_of_each_run_if_they_differ() -> None:
     drawn = json.loads(text)
     lines = [(one["label"], one["colour"], one.get("dashed")) for one in drawn["charts"][0]["series"]]
     assert lines == [("a", "1", None), ("a, target", "1", True), ("b", "2", None), ("b, target", "2", True)]
-    assert {*drawn["sources"]["run1"]["force_reference"]} == {12.0}
+    assert {*drawn["sources"]["run1"]["force_reference"][:20]} == {None}, (
+        "no target is in force during the approach"
+    )
+    assert {*drawn["sources"]["run1"]["force_reference"][20:]} == {12.0}
 
 
 def test_compare_describes_faults_in_words() -> None:

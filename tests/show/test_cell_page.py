@@ -85,7 +85,7 @@ def test_view_saves_one_file_without_network(recordings: Recordings, tmp_path: P
     data = re.search(r'id="data-cell">(.*)</script>', text)
     assert data is not None
     assert len(json.loads(data[1])["model"]["arm"]["axes"]) == 6
-    assert text.index('class="point"') < text.index("data-cell=") < text.index("data-charts=")
+    assert text.index('class="bar end alarm"') < text.index("data-cell=") < text.index("data-charts=")
 
 
 def test_view_refuses_to_save_over_file_or_without_run(recordings: Recordings, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from hil_bridge.record.records import StepRecord
 from hil_bridge.record.topics import TOPICS, Record
 from hil_bridge.runs.setup import Setup
 from hil_bridge.show.charts.columns import ROWS, Columns
+from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
@@ -76,7 +77,11 @@ def test_page_updates_match_recording(stopped: tuple[Scene, Recording]) -> None:
     stops = [event for event in recording.events if event.kind == EventKind.STOP]
     assert stops
     assert update["now"]["cause"] == stops[0].text
-    assert update["end"]["cause"] == "the emergency stop"
+    assert update["now"]["stopped_s"] == pytest.approx(stops[0].at - start_time(recording), abs=1e-6)
+    assert update["end"]["lines"][:2] == [
+        ["Injected fault: robot emergency stop.", "lead"],
+        ["The emergency stop.", ""],
+    ]
     assert [event["kind"] for event in events] == [event.kind for event in recording.events]
     assert [event["weight"] for event in events if event["kind"] in ("stop", "fault")][:2] == [
         "caution",
@@ -119,6 +124,7 @@ def test_live_page_and_report_share_marks_and_scales(
     for record in in_order(recording):
         source.take(record)
     source.take(step)
+    source.end(wire.End(recording.end))
     charts, _ = run_charts(recording)
     report, live = msgspec.to_builtins(charts), source.update_for(Cursor(), 0.0)
     assert {mark["text"].partition(":")[0] for mark in live["marks"]} >= {"stop", "fault", "1 (track)"}

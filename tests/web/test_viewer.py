@@ -72,7 +72,11 @@ async def test_browser_plays_back_a_recording(
     assert "EMULATED" in await page.value(text("cell"))
     assert await page.value("document.getElementById('end').hidden")
     outcome = await page.value(text("outcome"))
-    assert outcome.strip().startswith("At the end: The robot cannot move: emergency stop, in standby.")
+    assert outcome.strip().startswith("At the end: Injected fault: robot emergency stop.")
+    assert "The robot cannot move: emergency stop, in standby." in outcome
+    stopped = await page.value(text("elapsed"))
+    assert stopped.startswith("at ")
+    assert f"Stopped after {stopped.removeprefix('at ')}" in outcome
     await page.until("document.body.classList.contains('ended')")
     length_s = float(await page.value("document.getElementById('at').max"))
     await page.value(slide(length_s / 2))
@@ -103,7 +107,7 @@ async def test_report_band_is_one_legend_entry(page: Page, recordings: Recording
     await page.until("document.querySelectorAll('.uplot canvas').length > 0")
     legend = """[...document.querySelector('[data-chart=force]').querySelectorAll('.u-series')]
       .filter(one => one.offsetParent).map(one => one.querySelector('.u-label').textContent)"""
-    assert await page.value(legend) == ["target", "true force", "force", "full stream"]
+    assert await page.value(legend) == ["target", "true force", "measured force", "full stream"]
     output = "document.querySelector('[data-chart=force] .u-series:last-child').classList.contains('u-off')"
     edge = "document.querySelectorAll('[data-chart=force] .u-series')[{}].classList.contains('u-off')"
     count = await page.value("document.querySelectorAll('[data-chart=force] .u-series').length")

@@ -36,7 +36,9 @@ def conform_page(
     style, outcome = ("bad", "failed") if failed else ("good", "passed")
     if all(one.verdict.outcome is Outcome.SKIPPED for one in results):
         style, outcome = "plain", "not tested"
-    notes = "".join(f'<p class="bar caution">Note: {escape(text)}.</p>' for text in lateness(results))
+    notes = "".join(
+        f'<p class="bar caution"><b>Caution:</b>{escape(text)}.</p>' for text in lateness(results)
+    )
     notes += "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
     body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{outcome}</span></header>

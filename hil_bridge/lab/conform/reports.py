@@ -54,8 +54,8 @@ def lateness(results: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
     late = {one.name: one.seen.late_s for one in results if one.seen.late_s >= MOST_S}
     if late:
         yield (
-            f"this process was late by up to {max(late.values()) * 1e3:.0f} ms in {', '.join(late)}: "
-            "a busy computer may change a verdict; close other programs and run again"
+            f"this computer was too busy in {', '.join(late)}: hil-bridge was late by up to "
+            f"{max(late.values()) * 1e3:.0f} ms, which may change a verdict; close other programs and run again"
         )
 
 

@@ -89,6 +89,24 @@ def concise(value: float | None, scale: float, form: str, unit: str) -> str:
     """Format a value as `quantity` does, but leave out decimals beyond three significant digits."""
     if value is None or not math.isfinite(value) or not form.endswith("f"):
         return quantity(value, scale, form, unit)
-    head, _, places = form.removesuffix("f").partition(".")
-    before = len(str(int(abs(round(value * scale, int(places))))).lstrip("0"))
-    return quantity(value, scale, f"{head}.{max(0, min(int(places), 3 - before))}f", unit)
+    return quantity(value, scale, f"{form.partition('.')[0]}.{decimals(value * scale, form)}f", unit)
+
+
+def decimals(value: float, form: str) -> int:
+    """Return the number of decimals with which `concise` formats a finite value in its displayed unit; `form` ends
+    with `f`.
+    """
+    places = int(form.removesuffix("f").partition(".")[2])
+    before = len(str(int(abs(round(value, places)))).lstrip("0"))
+    return max(0, min(places, 3 - before))
+
+
+def difference(before: float, after: float, figure: Definition) -> str:
+    """Format how much larger `after` is, from the displayed values; percentages differ by points. The form of the
+    figure ends with `f`.
+    """
+    values = [value * figure.scale for value in (before, after)]
+    places = [decimals(value, figure.form) for value in values]
+    first, last = map(round, values, places)
+    unit = "points" if figure.unit == "%" else figure.unit
+    return quantity(last - first, 1.0, f"+.{max(places)}f", unit)

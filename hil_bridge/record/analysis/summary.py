@@ -204,7 +204,13 @@ def target_force_text(summary: Summary) -> str:
 
 def end_of(recording: Recording) -> RunEnd:
     """Return the recorded end. A recording without an end was cut off and counts as interrupted."""
-    metadata = recording.end
+    return read_end(recording.end)
+
+
+def read_end(metadata: Mapping[str, str]) -> RunEnd:
+    """Return the end of a run from its metadata, which `RunEnd.as_metadata` makes; empty metadata count as
+    interrupted.
+    """
     outcome = metadata.get("outcome", "")
     floor, link = json_or_none(metadata.get("line_floor_s")), json_or_none(metadata.get("link"))
     lost, delay = json_or_none(metadata.get("sensor_lost")), json_or_none(metadata.get("sensor_delay_s"))

@@ -87,7 +87,7 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             (
                 Series(CYCLE, "force_reference", "target", "target", "step", dashed=True),
                 Series(TRUTH, "force", "true force", "truth", dashed=True, layer=TRUTH),
-                Series(CYCLE, "force", "force", width=1.8),
+                Series(CYCLE, "force", "measured force", width=1.8),
                 Series(CYCLE, "clamped", "clamped by the supervisor", "limit", "points"),
             ),
             (Band(STREAM, "low", "high", "full stream", layer=STREAM),),

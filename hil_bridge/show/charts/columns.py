@@ -142,9 +142,6 @@ class Columns:
         force, explained = record.force, record.explanation
         fx, fy, fz, mx, my, mz = record.sample.wrench
         resultant = math.hypot(fx, fy, fz)
-        has_target = (
-            not record.step or record.phase == TRACK
-        )  # a step that does not press has no target force
         presses = record.phase == TRACK and math.isfinite(force)
         sigma = explained.get(SIGMA, math.nan) if presses else math.nan
         normals = [explained.get(name, math.nan) if presses else math.nan for name in NORMALS]
@@ -152,7 +149,7 @@ class Columns:
         return (
             record.controlled_at - self._began,
             force,
-            record.force_reference if has_target else None,
+            record.force_reference if record.phase == TRACK else None,
             force if record.verdict == "clamp" else None,
             fx,
             fy,

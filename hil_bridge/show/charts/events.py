@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS, EventKind
 from hil_bridge.errors.text_files import harmless
+from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord
 from hil_bridge.show.pages.description import Mark, Span
 from protocol.faults import FaultStage
@@ -23,9 +24,14 @@ def mark_of(event: EventRecord, began: float) -> Mark | None:
     """Return the mark of an event, or None if it has none. `began` is the time at x = 0."""
     if event.kind in (EventKind.PHASE, EventKind.STEP) or not math.isfinite(event.at):
         return None
-    loud = event.fault is not None and event.fault.is_injected
-    kind = "stop" if event.kind == EventKind.STOP else "fault" if loud else "event"
-    return Mark(event.at - began, _lead(event.kind, line_of(event)), kind)
+    if event.fault is not None and event.fault.is_injected:
+        return Mark(event.at - began, _lead(event.kind, event.fault.phrase), "fault")
+    text = _lead(event.kind, line_of(event))
+    return _stop(event.at - began, text) if event.kind == EventKind.STOP else Mark(event.at - began, text)
+
+
+def _stop(x: float, text: str) -> Mark:
+    return Mark(x, text, "stop", short="stop")
 
 
 def mark_of_step(step: StepRecord, began: float) -> Mark:
@@ -47,7 +53,7 @@ def marks_of(
     if not any(mark.kind == "stop" for mark in marks):
         stops = [cycle for cycle in cycles if cycle.verdict == "stop"][:1]
         marks += [
-            Mark(one.controlled_at - began, _lead(EventKind.STOP, harmless(", ".join(one.reasons))), "stop")
+            _stop(one.controlled_at - began, _lead(EventKind.STOP, harmless(", ".join(one.reasons))))
             for one in stops
         ]
     marks += [mark_of_step(step, began) for step in steps]
@@ -74,21 +80,36 @@ def phases_in(events: Iterable[EventRecord]) -> list[Phase]:
     return [(event.at, event.text) for event in events if event.kind == EventKind.PHASE]
 
 
-def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float, until: float) -> list[Span]:
+def label_phases(names: Sequence[str], retracted: bool | None) -> list[str]:
+    """Return the labels of the phases; a retraction at the end that did not retract the tool is labelled as failed."""
+    labels = list(names)
+    if retracted is False and RETRACT in labels[-2:]:  # the phase `end` may follow
+        labels[-1 if labels[-1] == RETRACT else -2] = f"{RETRACT}, failed"
+    return labels
+
+
+def spans_of(
+    phases: Sequence[Phase],
+    steps: Sequence[StepRecord],
+    began: float,
+    until: float,
+    retracted: bool | None = None,
+) -> list[Span]:
     """Return the completed steps of a program, and the phases before and after the program.
 
-    The last phase extends to `until`. `began` and `until` are on the run's clock.
+    The last phase extends to `until`. `began` and `until` are on the run's clock. `retracted` is that of `RunEnd`.
     """
     ends = [*(begin for begin, _ in phases[1:]), until][: len(phases)]
     first = steps[0].began_at if steps else math.inf
     last = steps[-1].at if steps else math.inf
     spans = []
-    for (begin, name), after in zip(phases, ends, strict=True):
+    labels = label_phases([name for _, name in phases], retracted)
+    for (begin, name), label, after in zip(phases, labels, ends, strict=True):
         end = max(begin, after)
         if begin < first:
-            spans.append(Span(begin - began, min(end, first) - began, name, name))
+            spans.append(Span(begin - began, min(end, first) - began, label, name))
         if begin >= last or end > last:
-            spans.append(Span(max(begin, last) - began, end - began, name, name))
+            spans.append(Span(max(begin, last) - began, end - began, label, name))
     spans += [
         Span(step.began_at - began, step.at - began, step.label, step.word, short=step.number)
         for step in steps[:SPANS_MOST]
@@ -103,7 +124,7 @@ def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> li
     for event in events:
         if event.fault is None:
             continue
-        name = event.fault.title
+        name = event.fault.phrase
         if event.fault.stage is FaultStage.BEGINS:
             begun[name] = event.at
         elif event.fault.stage is FaultStage.ENDS and name in begun:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from hil_bridge.record.analysis.stream import stream_force
-from hil_bridge.record.analysis.summary import phases
+from hil_bridge.record.analysis.summary import end_of, phases
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.catalogue import STREAM, TRUTH, catalogue, layers, time_axis, with_values
 from hil_bridge.show.charts.columns import Arrays, Columns
@@ -56,7 +56,8 @@ def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
     times = [cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events]
     last = max(times, default=zero)
     until = courses[-1].end if courses else last
-    steps = spans_of([(span.begin, span.name) for span in courses], recording.steps, zero, until)
+    names = [(span.begin, span.name) for span in courses]
+    steps = spans_of(names, recording.steps, zero, until, end_of(recording).retracted)
     return [*steps, *fault_spans(recording.events, zero, last)]
 
 

@@ -10,7 +10,7 @@
    cell.view("tool"), cell.view("cell"), cell.paint("deviation"), cell.play(), cell.pause(), cell.destroy() */
 "use strict";
 var HilCell = (() => {
-  const {plus, minus, size, posed, along, camera, projected, point} = HilSpace;
+  const {plus, minus, size, unit, posed, along, camera, projected, point} = HilSpace;
   const REBUILD_MS = 300, STILL_MS = 200, LIVE_MS = 100, MARK_MS = 100, COARSE = 0.75, CUT_M = 0.03, WIDEST = 1.0, SPLIT_PX = 600, GHOST_M = 0.003, SPEEDS = [1, 4, 16];
   const PAINTS = {force: ["Force", "N", "amount"], deviation: ["Force error", "N", "sign"], removed: ["Removed depth at the end", "µm", "amount"]};
   const element = (tag, name, text) => {
@@ -247,7 +247,7 @@ var HilCell = (() => {
       const corner = {width: Math.round(this.inset.clientWidth * this.ratio), height: Math.round(this.inset.clientHeight * this.ratio)}, edge = Math.round(8 * this.ratio);
       const other = this.near === "tool" ? "cell" : "tool";
       this.inset.title = `show the ${other}`;
-      return [...all, {name: other, box: {...corner, left: width - corner.width - edge, top: edge}}];
+      return [...all, {name: other, box: {...corner, left: this.insetLeft ? edge : width - corner.width - edge, top: edge}}];
     }
 
     items(reported, truth, colours) {
@@ -268,7 +268,9 @@ var HilCell = (() => {
       const newton = real.push ? size(real.push) : 0;
       if (newton > 0.02 * this.most) {
         const long = real.push.map(one => one * this.perNewton);
-        made.push({mesh: this.shapes.arrow, at: along(real.p, long, 0.0032 * this.scaleOf()), tint: colours.arrow, lit: true, over: true});
+        const wide = 0.006 * this.scaleOf(), rim = unit(long).map(one => 0.3 * one * wide), around = plus(long, rim, 3.5);
+        made.push({mesh: this.shapes.arrow, at: along(minus(real.p, rim), around, 1.45 * wide), tint: [1, 1, 1], lit: false, over: 1});
+        made.push({mesh: this.shapes.arrow, at: along(real.p, long, wide), tint: colours.arrow, lit: true, over: 2});
         this.arrowEnd = plus(real.p, long);
       } else this.arrowEnd = null;
       return made;
@@ -323,10 +325,16 @@ var HilCell = (() => {
     label(reported, truth) {
       const {eye, box} = this.views.find(view => view.name === "tool" || this.views.length === 1), push = (truth || reported).push;
       const place = this.arrowEnd && projected(eye, this.arrowEnd, box), left = box.left / this.ratio;
-      const newton = push ? size(push) : 0, text = place && place.front ? `${newton.toFixed(newton < 9.995 ? 2 : newton < 99.95 ? 1 : 0)} N` : "";
+      const newton = push ? size(push) : 0, text = place && place.front ? `${truth ? "true " : ""}${newton.toFixed(newton < 9.995 ? 2 : newton < 99.95 ? 1 : 0)} N` : "";
       this.tag.hidden = !text || (!this.wide && this.near !== "tool");
       if (this.tag.textContent !== text) this.tag.textContent = text;
-      const most = (this.inset.hidden ? this.stage.clientWidth : this.inset.offsetLeft) - this.tag.offsetWidth - 4;
+      const tip = projected(this.views[0].eye, this.tip, this.views[0].box), share = tip.x / this.canvas.width;
+      if (!this.inset.hidden && (this.insetLeft ? share < 0.3 : share > 0.4)) {   // the corner without the tool
+        this.insetLeft = !this.insetLeft;
+        this.inset.classList.toggle("hil-left", this.insetLeft);
+        this.soon();
+      }
+      const most = (this.inset.hidden || this.insetLeft ? this.stage.clientWidth : this.inset.offsetLeft) - this.tag.offsetWidth - 4;
       if (text) this.tag.style.transform = `translate(${Math.round(Math.max(Math.min(place.x / this.ratio + 12, most), left))}px, ${Math.round(Math.max(place.y / this.ratio - 12, 4))}px)`;
       const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", truth ? "true total force" : "total force"]];
       if (truth) keys.push(["ghost", this.isOld ? "no report of the tool" : `reported, ${(this.apart * 1e3).toFixed(2)} mm off`]);

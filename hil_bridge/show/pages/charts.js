@@ -74,7 +74,7 @@ var HilCharts = (() => {
       place.addEventListener("keydown", event => this.pressed(event));
       this.bar = this.makeBar();
       this.stack = element("div", "hil-stack");
-      place.append(this.bar, this.stack);
+      place.append(this.bar, this.stack, this.more);
       this.build();
       this.observer = new ResizeObserver(this.fit);
       this.observer.observe(this.stack);
@@ -186,8 +186,8 @@ var HilCharts = (() => {
     makeBar() {
       const bar = element("div", "hil-bar");
       bar.hidden = !this.options.bar;
-      const button = (text, name, act) => {
-        const made = element("button", "", text);
+      const button = (text, name, act, look = "") => {
+        const made = element("button", look, text);
         made.type = "button";
         made.title = name;
         made.setAttribute("aria-label", name);
@@ -197,8 +197,8 @@ var HilCharts = (() => {
       if (!this.isNamed()) {
         button("−", "zoom out", () => this.scale(2));
         button("+", "zoom in", () => this.scale(0.5));
-        button("◀", "earlier", () => this.move(-0.3));
-        button("▶", "later", () => this.move(0.3));
+        button("◀", "earlier", () => this.move(-0.3), "hil-move");
+        button("▶", "later", () => this.move(0.3), "hil-move");
         button("all", "show all", () => this.reset());
       }
       this.places = element("select");
@@ -223,7 +223,6 @@ var HilCharts = (() => {
       this.more = element("button", "hil-more");
       this.more.type = "button";
       this.more.addEventListener("click", () => { this.options.first = null; this.build(); });
-      bar.append(this.more);
       this.note = element("div", "hil-note", this.hint());
       this.note.title = this.isNamed() ? "" : "shift and drag moves, ctrl and wheel zooms";
       bar.append(this.note);

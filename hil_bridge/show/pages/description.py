@@ -112,6 +112,8 @@ class Mark(Struct, frozen=True, omit_defaults=True):
     """
     axis: str = "time"
     layer: str = ""
+    short: str = ""
+    """Text in the first chart; empty if it is `text`."""
 
 
 class Span(Struct, frozen=True, omit_defaults=True):

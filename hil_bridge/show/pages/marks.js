@@ -118,7 +118,7 @@ var HilMarks = (() => {
   function caption(charts, x, one, scene) {
     const {ctx, box, ratio} = scene;
     ink(charts, one, scene);
-    const gap = 5 * ratio, text = cut(ctx, one.kind === "stop" ? one.kind : one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
+    const gap = 5 * ratio, text = cut(ctx, one.short || one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
     const leftwards = x + width + 2 * gap > box.left + box.width;
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
     let row = 0;   // at the bottom, where a pressing force leaves space, and stacked if they would overlap

@@ -189,7 +189,7 @@ var HilSpace = (() => {
           let n = unit(vector(at, all[0].slice(3, 6)));
           if (dot(n, minus(eye.eye, places[0])) < 0) n = n.map(v => -v);
           const day = lit && !mesh.lines ? 0.60 + 0.14 * n[2] + 0.32 * Math.max(dot(n, unit(SUN)), 0) : 1;
-          const depth = px.reduce((sum, p) => sum + p.depth, 0) / corners - (one.over ? 1e6 : 0);
+          const depth = px.reduce((sum, p) => sum + p.depth, 0) / corners - (one.over || 0) * 1e6;
           faces.push({px, depth, colour: rgb((tint || all[0].slice(6)).map(v => v * day), alpha), lines: mesh.lines, layer: one.layer ?? 9});
         }
       }

@@ -20,6 +20,8 @@ _APART = 9.2
 """Smallest distance between two numbers, % of the width. Chosen: 22 px on a phone."""
 _EDGE = 4.6
 """Distance of the first and the last number from the edges, % of the width. Chosen: half a number on a phone."""
+_BEFORE_PX = 112.0
+"""Width for which the labels before 0 s are spaced. Chosen: one or two round numbers for any length."""
 _MARGIN = 0.02
 """Margin of the axis beyond the first and the last time, as a share of its length. Chosen."""
 _LEAST = 0.4
@@ -157,13 +159,20 @@ class _Drawing:
     def _axis(self) -> Iterator[str]:
         """Yield the axis with labels at round times."""
         yield f'<line class="axis" x1="0" x2="100%" y1="{self._bottom}" y2="{self._bottom}"/>'
-        for at in round_numbers(self._low, self._high, _PHONE_PX):
+        for at in self._ticks():
             x = self._x(at)
-            if 1.0 < x < 99.0:
-                yield (
-                    f'<line class="axis" x1="{x:.2f}%" x2="{x:.2f}%" y1="{self._bottom}" y2="{self._bottom + 4}"/>'
-                    f'<text class="quiet" x="{x:.2f}%" y="{self._bottom + 17}" text-anchor="middle">{number(at)}</text>'
-                )
+            yield (
+                f'<line class="axis" x1="{x:.2f}%" x2="{x:.2f}%" y1="{self._bottom}" y2="{self._bottom + 4}"/>'
+                f'<text class="quiet" x="{x:.2f}%" y="{self._bottom + 17}" text-anchor="middle">{number(at)}</text>'
+            )
+
+    def _ticks(self) -> list[float]:
+        """Return round times that are not at the edges; one of them is negative if there is room for it."""
+        ticks = round_numbers(self._low, self._high, _PHONE_PX)
+        if min(ticks, default=0.0) >= 0.0 > self._low:
+            before = round_numbers(0.0, -self._low, _BEFORE_PX)[-1]
+            ticks += [-before] * (self._x(0.0) - self._x(-before) >= _APART)
+        return [at for at in ticks if 1.0 < self._x(at) < 99.0]
 
     def _marks(self, moments: Sequence[Moment]) -> Iterator[str]:
         """Yield a line across the lanes for each moment, and its number above."""

@@ -1,5 +1,6 @@
 """Comparison of several runs: one page with overlaid charts, and tables of the differences."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -9,11 +10,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.definition import UNKNOWN, concise
+from hil_bridge.record.analysis.definition import UNKNOWN, difference
 from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
 from hil_bridge.record.analysis.why import why_values
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.catalogue import CYCLE, catalogue
@@ -34,6 +36,12 @@ _NAMED_MOST = 2
 """Maximum number of settings named in the first sentence. Chosen: the table has all."""
 _OPEN_MOST = 6
 """Maximum number of differing settings that are not folded. Chosen: the charts begin on the first screen."""
+_TASK = {
+    "task.force_n": ("target force", "N"),
+    "task.speed_mm_s": ("speed", "mm/s"),
+    "task.step": ("steps of the program", ""),
+}
+"""Settings that define the task, with quantity and unit; the steps are too long for a sentence."""
 _RESULTS = tuple(FIGURES[key].words for key in ("overshoot_percent", "rms_error_n"))
 """Figures in the first sentence, by their labels."""
 _RESULTS_MOST = 4
@@ -82,7 +90,8 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     """Render the page of at least two runs by name. Raises ConfigError for too few or too many runs."""
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
-    charts, left_out = _charts(runs, align)
+    labels = _labels(runs, summaries)
+    charts, left_out = _charts(dict(zip(labels, runs.values(), strict=True)), align)
     ours = _with_settings(runs)
     settings, only_some = _differing(ours)
     figures = [_figures_of(runs[name], summaries[name]) for name in runs]
@@ -90,15 +99,42 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     body = f"""<h1>{len(runs)} runs compared</h1>
 <p class="point">{prose(_results(dict(zip(runs, figures, strict=True))))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
+{_caution([*ours], [*settings, *only_some])}
 <h2>Course</h2>
 {room("runs", charts, first=1)}{note(left_out)}
-<div class="pair"><section><h2>Figures of merit</h2>{_figure_table(summaries, figures, merits)}</section>
+<div class="pair"><section><h2>Figures of merit</h2>{_figure_table(labels, summaries, figures, merits)}</section>
 <section>{_settings(ours, settings, only_some)}</section></div>
 <h2>How they ended</h2>
-{_side_by_side(runs, _ends(runs, summaries), "sides")}
-{fold(f"<h2>Other figures</h2>{_figure_table(summaries, figures, merits, others=True)}")}
+{_side_by_side(labels, _ends(runs, summaries), "sides")}
+{fold(f"<h2>Other figures</h2>{_figure_table(labels, summaries, figures, merits, others=True)}")}
 {_bags(runs)}"""
     return document(f"compared: {', '.join(runs)}", body)
+
+
+def _labels(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) -> list[str]:
+    """Return the names of the runs, each with its controller and its robot if they are not those of all runs."""
+    controllers = [summaries[name].controller for name in runs]
+    robots = [devices_of(recording).robot.kind for recording in runs.values()]
+    parts = [[""] * len(runs) if len(set(one)) == 1 else one for one in (controllers, robots)]
+    named = ([one, f"over {robot}" if one and robot else robot] for one, robot in zip(*parts, strict=True))
+    return [
+        ": ".join(filter(None, (name, " ".join(filter(None, both)))))
+        for name, both in zip(runs, named, strict=True)
+    ]
+
+
+def _caution(names: Sequence[str], settings: Sequence[tuple[str, ...]]) -> str:
+    """Render a caution if the runs had different tasks; empty if they had the same."""
+    parts = []
+    for key, *values in settings:
+        if key in _TASK:
+            quantity, unit = _TASK[key]
+            texts = (f"{value} {unit} in `{name}`" for name, value in zip(names, values, strict=True))
+            parts.append(f"{quantity} {', '.join(texts)}" if unit else quantity)
+    if not parts:
+        return ""
+    text = f"{prose('; '.join(parts))}. Compare the figures with care."
+    return f'<p class="bar caution"><b>Different tasks:</b>{text}</p>'
 
 
 def _results(figures: Mapping[str, Mapping[str, str]]) -> str:
@@ -155,11 +191,11 @@ def _ends(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) -> It
     yield f"<td>why</td>{''.join(f'<td>{prose(why_values(runs[name]).point)}</td>' for name in runs)}"
 
 
-def _side_by_side(runs: Iterable[str], lines: Iterable[str], style: str, last: str = "") -> str:
+def _side_by_side(labels: Iterable[str], lines: Iterable[str], style: str, last: str = "") -> str:
     """Render a table with a column for each run, in the colour of its curves, and perhaps a last column."""
     heads = "".join(
         f'<th><i class="swatch" style="background:var(--c{place})"></i>{escape(name)}</th>'
-        for place, name in enumerate(runs, 1)
+        for place, name in enumerate(labels, 1)
     )
     heads += f"<th>{escape(last)}</th>" if last else ""
     return across(table(lines, style, f"<thead><tr><th></th>{heads}</tr></thead>"))
@@ -195,12 +231,15 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
     sources = Sources()
     series: dict[str, list[Series]] = {chart: [] for chart in COMPARED}
     marks: list[Mark] = []
-    targets_differ = _same_target(list(runs.values())) is None
+    targets_differ = not _have_same_target(list(runs.values()))
+    longest = max(runs, key=lambda name: sum(cycle.phase == TRACK for cycle in runs[name].cycles))
     for place, (name, recording) in enumerate(runs.items()):
         zero = _zero(recording, align)
         layer, colour = f"run{place}", f"{place + 1}"
         table = Columns.of(recording, zero, facts_of_recording(recording)).arrays().get(CYCLE, {})
-        has_target = targets_differ and bool(np.isfinite(table.get(_TARGET, np.empty(0))).any())
+        has_target = (targets_differ or name == longest) and bool(
+            np.isfinite(table.get(_TARGET, np.empty(0))).any()
+        )
         for chart, column in COMPARED.items():
             if column not in table or not np.isfinite(table[column]).any():
                 continue
@@ -212,9 +251,10 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
                 dashes = replace(
                     line, column=_TARGET, label=f"{name}, target", style="step", dashed=True, width=1.0
                 )
-                series[chart].append(dashes)
+                common = replace(dashes, label="target", colour="target", layer="")
+                series[chart].append(dashes if targets_differ else common)
         marks += [
-            replace(mark, text=f"{name}: {mark.text}", layer=layer)
+            replace(mark, text=f"{name}: {mark.text}", short=f"{name}, stop", layer=layer)
             for mark in run_marks(recording, zero)
             if mark.kind == "stop"
         ]
@@ -237,19 +277,17 @@ def _title(chart: Chart) -> str:
 
 
 def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
-    """Return the limits of a chart that are equal in all runs, including the target force."""
+    """Return the limits of a chart that are equal in all runs."""
     each = [
         next((one.limits for one in catalogue(facts_of_recording(run)) if one.id == chart.id), ())
         for run in runs.values()
     ]
     column = COMPARED[chart.id]
-    same = [
+    return [
         limit
         for limit in chart.limits
         if limit.column in ("", column) and all(limit in limits for limits in each)
     ]
-    target = _same_target(list(runs.values())) if chart.id == "force" else None
-    return same if target is None else [Limit(target, "target", "target", shown=True), *same]
 
 
 def _zero(recording: Recording, align: str) -> float:
@@ -264,10 +302,9 @@ def _zero(recording: Recording, align: str) -> float:
     return touched[0] if touched and align == TOUCH else start_time(recording)
 
 
-def _same_target(recordings: Sequence[Recording]) -> float | None:
+def _have_same_target(recordings: Sequence[Recording]) -> bool:
     ours = [recording for recording in recordings if recording.foreign is None]
-    targets = {cycle.force_reference for recording in ours for cycle in recording.cycles}
-    return targets.pop() if len(targets) == 1 else None
+    return len({cycle.force_reference for recording in ours for cycle in recording.cycles}) == 1
 
 
 def _figures_of(recording: Recording, summary: Summary) -> dict[str, str]:
@@ -278,6 +315,7 @@ def _figures_of(recording: Recording, summary: Summary) -> dict[str, str]:
 
 
 def _figure_table(
+    labels: Sequence[str],
     summaries: Mapping[str, Summary],
     figures: Sequence[Mapping[str, str]],
     merits: Sequence[str],
@@ -288,16 +326,19 @@ def _figure_table(
     """
     changes = _changes(*summaries.values()) if len(summaries) == 2 else None
     last = "" if changes is None else " − ".join(reversed([*summaries]))
-    return _side_by_side(summaries, _figure_lines(figures, merits, others, changes), "narrow values", last)
+    return _side_by_side(labels, _figure_lines(figures, merits, others, changes), "narrow values", last)
 
 
 def _changes(first: Summary, second: Summary) -> dict[str, str]:
     """Return by label how much larger each figure of the second run is, as text; only of figures that both have."""
     one, other = ({**run.figures, **run.response, **run.contact} for run in (first, second))
+    values = (
+        (figure, one.get(figure.key), other.get(figure.key)) for figure in (*MERIT, *RESPONSE, *CONTACT)
+    )
     return {
-        figure.words: concise(after - before, figure.scale, f"+{figure.form.lstrip('+')}", figure.unit)
-        for figure in (*MERIT, *RESPONSE, *CONTACT)
-        if (before := one.get(figure.key)) is not None and (after := other.get(figure.key)) is not None
+        figure.words: difference(before, after, figure)
+        for figure, before, after in values
+        if before is not None and after is not None and math.isfinite(before) and math.isfinite(after)
     }
 
 

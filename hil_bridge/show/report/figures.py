@@ -86,7 +86,7 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
             "cycle time, p50 to max",
             " · ".join(percentiles if len(set(percentiles)) > 1 else percentiles[:1])
             + " ms" * bool(percentiles),
-            "percentiles 50, 90 and 99, largest",
+            "percentiles 50, 90 and 99, largest" + ": all equal" * (len(set(percentiles)) == 1),
         ),
         _row("line_floor_s", summary.line_floor_s),
         Row("sensor frames", f"{summary.sensor_frames_received}", lost),

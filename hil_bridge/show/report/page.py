@@ -5,16 +5,18 @@ from html import escape
 from pathlib import Path
 
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.record.analysis.definition import UNKNOWN, concise
 from hil_bridge.record.analysis.summary import Summary, end_of
-from hil_bridge.record.analysis.why import sentence, why_values
+from hil_bridge.record.analysis.why import why_values
 from hil_bridge.record.device_facts import devices_of, is_beyond_run
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.cell import cell_picture
+from hil_bridge.show.charts.end_panel import end_panel
+from hil_bridge.show.charts.events import label_phases
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.maps import maps_of
 from hil_bridge.show.charts.run import run_charts
@@ -70,7 +72,11 @@ def page(recording: Recording, summary: Summary) -> str:
     charts, left_out = run_charts(recording)
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
-    phases = pairs((name, concise(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
+    labels = label_phases([*summary.phases_s], end_of(recording).retracted)
+    phases = pairs(
+        (label, concise(value, 1, ".2f", "s"))
+        for label, value in zip(labels, summary.phases_s.values(), strict=True)
+    )
     body = f"""{_point(recording, summary)}
 {room("run", charts, first=1)}{note(left_out)}
 <div class="columns head"><section><h2>Figures of merit</h2>{rows(_known(merit_rows(summary)))}</section>
@@ -116,43 +122,36 @@ def _head(recording: Recording, summary: Summary) -> str:
         f'<header class="headline"><h1>{escape(run_title(recording))}</h1>',
         badge(summary.outcome),
         f'<span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
-        '<span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</header>",
         _reason(recording, summary),
         criteria_paragraph(summary),
-        "<p>The recording ends early; this page covers the recorded part.</p>" if summary.truncated else "",
+        "<p>The recording ends early; this page covers the recorded part.</p>"
+        if summary.truncated and end_of(recording).cause is not Cause.CUT
+        else "",
     ]
     return "\n".join(filter(None, parts))
 
 
 def _reason(recording: Recording, summary: Summary) -> str:
-    """Render why the run ended, in one sentence, what helps, and the details folded."""
+    """Render why the run ended, what helps, and the details folded; of a completed run, one sentence."""
     reason, end = why_values(recording), end_of(recording)
-    detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
-    left = "" if summary.outcome == Outcome.COMPLETED else end.place or summary.left
-    lift = end.place and end.retracted is False and is_beyond_run(recording)
+    if end.outcome is Outcome.COMPLETED:
+        return f'<p class="point">{prose(reason.point)}</p>'
+    at = start_time(recording) + reason.after_s
+    events = [event for event in recording.events if event.at <= at]
+    when = f"{end.outcome} after {reason.after_s:.1f} s{f' in {reason.phase}' if reason.phase else ''}"
+    lift = end.retracted is False and is_beyond_run(recording)
+    panel = end_panel(end, events, when, lift)
     commands = RunPlaces(recording.file, reports=True).next_commands(
-        summary.outcome, bool(recording.cycles), end.retracted
+        end.outcome, bool(recording.cycles), end.retracted
     )
-    parts = [
-        f'<p class="point">{prose(reason.point)}</p>',
-        "" if summary.outcome == Outcome.COMPLETED else _injected(recording),
-        f"<p>{prose(sentence(reason.remedy))}</p>" if reason.remedy else "",
-        *(f"<p>Then: {prose(text)}.</p>" for text in reason.followed),
-        f"<p>The tool was <strong>{prose(left + '; `hil-bridge free` lifts it off' * bool(lift))}</strong>.</p>"
-        if left
-        else "",
-        detail if reason.fact else "",
-    ]
-    text = "\n".join(filter(None, parts))
-    return f'<div class="pair"><div>{text}</div><div>{"".join(command(*one) for one in commands)}</div></div>'
-
-
-def _injected(recording: Recording) -> str:
-    """Render the faults that were injected on purpose; empty without any."""
-    events = recording.events
-    faults = dict.fromkeys(one.fault.title for one in events if one.fault and one.fault.is_injected)
-    return f"<p>Injected fault{'s' * (len(faults) > 1)}: {escape(', '.join(faults))}.</p>" if faults else ""
+    lines = "\n".join(f'<p class="{one.style}">{prose(one.text)}</p>' for one in panel.lines)
+    buttons = "".join(command(*one) for one in commands)
+    detail = f"<details><summary>How it ended, in detail</summary><p>{prose(reason.text)}</p></details>"
+    return f"""<section class="bar end {panel.style}">
+<div class="why">{lines}</div><div class="next">{buttons}</div>
+</section>
+{detail}"""
 
 
 def _response(summary: Summary) -> str:

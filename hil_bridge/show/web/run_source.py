@@ -12,12 +12,15 @@ from typing import Any
 
 import msgspec
 
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.event_kinds import EventKind
-from hil_bridge.record.ending import describe_end
+from hil_bridge.record.analysis.summary import read_end
+from hil_bridge.record.ending import Outcome, RunEnd
 from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord, StepRecord, TruthRecord
 from hil_bridge.record.topics import Record
 from hil_bridge.show.charts.catalogue import catalogue, layers, time_axis
 from hil_bridge.show.charts.columns import ROW_S, TABLES, Columns, round_digits
+from hil_bridge.show.charts.end_panel import end_panel
 from hil_bridge.show.charts.events import fault_spans, mark_of, mark_of_step, phases_in, spans_of
 from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages.description import Charts, Mark
@@ -152,7 +155,8 @@ class RunSource:
         self._columns: Columns | None = None
         self._pulse = Pulse(0.0, Health())
         self._received_at = received_at
-        self._end: Mapping[str, Any] | None = None
+        self._end: RunEnd | None = None
+        self._panel: Mapping[str, Any] = {}
         self.counters: Mapping[str, Any] = {}
         """Counters of a complete recording, which has no counters for a particular time."""
         self.over = False
@@ -195,17 +199,26 @@ class RunSource:
 
     def end(self, end: End) -> None:
         """Store the end of the run."""
-        self._end = self._with_commands(describe_end(end.facts))
+        self._end = read_end(end.facts)
+        self._panel = self._end_panel(self._end)
 
     def lost(self, cause: str = "the run's process ended unexpectedly") -> None:
         """Record that the run ended without sending its end."""
         if self._end is None:
-            self._end = self._with_commands(describe_end({}) | {"outcome": GONE, "cause": cause})
+            self._end = RunEnd(Outcome.INTERRUPTED, Reason(Cause.CUT, cause))
+            self._panel = self._end_panel(self._end) | {"outcome": GONE, "style": "alarm"}
 
-    def _with_commands(self, end: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Add the commands that make sense after this end."""
-        places, moved = self._begin.scene.places, bool(self._history.cycles)
-        return {**end, "next": places.next_commands(end["outcome"], moved, end["retracted"])}
+    def _end_panel(self, end: RunEnd) -> dict[str, Any]:
+        """Return how the run ended, with the commands that make sense now."""
+        history, places, when = self._history, self._begin.scene.places, ""
+        at = math.inf
+        if history.stop is not None:
+            at = history.stop.at
+            phases = [cycle.phase for cycle in _until(history.cycles, at, "answered_at", 1)]
+            when = f"{end.outcome} after {at - (self._began or 0.0):.1f} s{''.join(f' in {one}' for one in phases)}"
+        faults = [event for event in history.faults if event.at <= at]
+        commands = places.next_commands(end.outcome, bool(history.cycles), end.retracted)
+        return {**msgspec.to_builtins(end_panel(end, faults, when)), "next": commands}
 
     # --- requests of pages
 
@@ -247,7 +260,7 @@ class RunSource:
             update["at"] = round_digits(cursor.at)
         cursor.moved = False
         if self._end is not None:
-            update["end"] = self._end
+            update["end"] = self._panel
         return update
 
     def _initial_update(self, cursor: Cursor) -> dict[str, Any]:
@@ -281,8 +294,9 @@ class RunSource:
             # the age at the pulse, which is the newest known
             health = dataclasses.replace(health, sensor_at=health.sensor_at + silent_s)
         snapshot = history.model(self._begin.scene, self._began or 0.0, until).snapshot(now, health)
-        zero, pulse = _newest(history.zeros, until), self._pulse
+        zero, pulse, stop = _newest(history.zeros, until), self._pulse, history.stop
         update = now_values(snapshot) | {
+            "stopped_s": None if stop is None or stop.at > until else stop.at - (self._began or 0.0),
             "zero": "" if zero is None else zero.text,
             "dropped": pulse.dropped,
             "silent_s": round_digits(silent_s) if silent_s > SILENT_S else 0,
@@ -310,7 +324,8 @@ class RunSource:
             update["events_whole"] = True
         update["events"] = [event_values(event, began) for event in events]
         until = now if self._length_s is None else began + self._length_s
-        spans = spans_of(phases_in(history.phases), list(history.steps), began, until)
+        retracted = None if self._end is None else self._end.retracted
+        spans = spans_of(phases_in(history.phases), list(history.steps), began, until, retracted)
         update["spans"] = msgspec.to_builtins([*spans, *fault_spans(history.faults, began, until)])
         return update
 

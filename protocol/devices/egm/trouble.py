@@ -9,12 +9,12 @@ _FAULTS: tuple[tuple[str, frozenset[int], Trouble], ...] = (
     (
         "motors",
         frozenset({Motors.ON}),
-        Trouble("the motors are off", "switch them on and start the RAPID program"),
+        Trouble("the motors are off", "switch the motors on and start the RAPID program"),
     ),
     (
         "rapid",
         frozenset({Rapid.RUNNING, Rapid.UNDEFINED}),  # it may stay undefined after a restart [O:lib]
-        Trouble("the RAPID program is stopped", "start it"),
+        Trouble("the RAPID program is stopped", "start the program"),
     ),
     (
         "guidance",

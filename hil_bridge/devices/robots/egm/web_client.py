@@ -49,8 +49,8 @@ class WebState(NamedTuple):
 
 
 _REFUSALS = (
-    ("motors", "motoron", "the motors are off", "switch them on"),
-    ("execution", "running", "the RAPID program is stopped", "start it"),
+    ("motors", "motoron", "the motors are off", "switch the motors on"),
+    ("execution", "running", "the RAPID program is stopped", "start the program"),
 )
 """Field of a state, the value that a run requires, and the problem and remedy for any other value."""
 

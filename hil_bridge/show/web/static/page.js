@@ -85,7 +85,7 @@
     document.title = [...(end ? [word] : []), scene.cell || "–", "hil-bridge"].join(" · ");
     set($("step"), now.step ? `step ${now.step} of ${scene.steps.length}: ${now.step_label}` : "");
     $("held").hidden = !now.held;
-    set($("elapsed"), fixed(now.elapsed_s, 1, "s"));
+    set($("elapsed"), now.stopped_s === null ? fixed(now.elapsed_s, 1, "s") : `at ${fixed(now.stopped_s, 1, "s")}`);
     set($("remaining"), now.remaining_s === null || leaving || end ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
     set($("force"), fixed(now.force, 2));
     set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none, in free space");
@@ -141,12 +141,8 @@
   }
 
   function ended(how) {   // what happened, and what comes next
-    const outcome = $("outcome"), [, look] = OUTCOMES[how.outcome] || ["", ""];
-    const left = how.left ? `Tool ${how.left}.` : how.outcome === "gone" ? "It is unknown where the tool is." : "The tool has not moved.";
-    const [fact, ...details] = how.cause.split("; ");
-    said = [how.cause, ...how.followed].filter(Boolean);
-    const lines = [fact, [...details, how.late, how.remedy].filter(Boolean).join("; "), ...how.followed.map(text => `then: ${text}`)].filter(Boolean).map(text => made("p", sentence(text)));
-    lines.push(made("p", left, how.retracted === false ? "alarm" : ""));
+    const outcome = $("outcome"), lines = how.lines.map(([text, style]) => made("p", text, style));
+    said = how.repeats;
     if (playback) lines[0].prepend("At the end: ");
     $("why").replaceChildren(...lines);
     $("next").replaceChildren(...how.next.map(([purpose, command]) => {
@@ -155,7 +151,7 @@
       row.append(made("span", purpose), made("code", command), copy);
       return row;
     }));
-    outcome.className = `bar ${look}`;
+    outcome.className = `bar end ${how.style}`;
     outcome.hidden = false;
     $("foot").hidden = how.next.length > 0;   // the commands name the recording
     set($("link"), playback ? "recording" : "the run has ended");
