@@ -73,7 +73,7 @@ def test_rtde_serves_many_clients_and_reserves_inputs_once() -> None:
                 + packets.outputs_request(("timestamp",), 500.0)
                 + packets.encode(Kind.START)
             )
-        await site.wait(0.1)
+        await site.wait(0.101)  # between two packets
         assert len({client.got for client in clients}) == 1
         assert len(clients[0].got) > 50 * 12
         assert len(site.serving.pumps) == 3
