@@ -16,11 +16,13 @@ from click.testing import CliRunner
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign import live
-from hil_bridge.lab.campaign.digest import worst_first
+from hil_bridge.lab.campaign.criteria import Criterion
+from hil_bridge.lab.campaign.digest import values_of, worst_first
 from hil_bridge.lab.campaign.live import Results
-from hil_bridge.lab.campaign.page import page
+from hil_bridge.lab.campaign.page import page, point
 from hil_bridge.lab.campaign.pictures import matrix
 from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
@@ -139,6 +141,9 @@ def test_page_of_incomplete_campaign_says_so(results: Path, tmp_path: Path) -> N
     part = changed(results, tmp_path / "part.sqlite", "DELETE FROM runs WHERE seed = 2")
     with Store.open(part) as store:
         assert '<span class="badge bad">2 of 4 failed · 4 not run</span>' in page(store)
+    failed = changed(part, tmp_path / "failed.sqlite", "DELETE FROM runs WHERE passed")
+    with Store.open(failed) as store:
+        assert "All 2 cases run so far failed; every run missed “outcome completed”." in page(store)
     passed = changed(part, tmp_path / "passed.sqlite", "DELETE FROM runs WHERE NOT passed")
     with Store.open(passed) as store:
         assert '<span class="badge plain">all 2 passed · 6 not run</span>' in page(store)
@@ -202,10 +207,39 @@ def test_page_repeats_hardest_run_without_recording(results: Path, tmp_path: Pat
     for path in (passed, altered, slow):
         with Store.open(path) as store:
             texts.append(page(store, tmp_path / "page.html"))
-    assert "So far, every run met every criterion; the largest true force was" in texts[0]
+    ended = "4 of 8 runs: 4 completed; every one met every criterion; largest true force"
+    assert re.search(rf"{ended} \S+ N \(required: below 60 N\)\.", texts[0])
+    assert "See the run with the largest force in three dimensions." in texts[0]
     assert "The run was repeated for this picture; all figures are the same." in texts[0]
     assert "The run was repeated for this picture; figures that differ from the results: 1." in texts[1]
     assert "data-cell=" not in texts[2], "a run of 99 s is not repeated for a picture"
+
+
+def test_point_without_force_criterion_has_bound(results: Path) -> None:
+    """The bound includes the increase due to the faults of the run."""
+    with Store.open(results) as store:
+        plan, (run, *_) = replace(store.plan(), criteria=()), store.runs("passed")
+    figures = {**run.figures, "force_true_max_n": 64.0, "force_beyond_n": -368.0}
+    text = point(plan, [replace(run, figures=figures)], 1)
+    assert text == "1 run: 1 completed; every one met every criterion; largest true force 64 N (bound 432 N)."
+
+
+def test_distribution_marks_dots_that_miss_a_criterion(results: Path) -> None:
+    with Store.open(results) as store:
+        plan, runs = store.plan(), list(store.runs())
+    limited = replace(plan, criteria=(Criterion("cycles", {"below": max(values_of("cycles", runs))}),))
+    missing = sum(limited.criteria[0].judge(run.figures) is False for run in runs)
+    assert 0 < missing < len(runs)
+    assert distributions(limited, runs).count('<circle class="bad"') == missing
+    assert 'class="bad"' not in distributions(replace(plan, criteria=()), runs)
+
+
+def test_drawn_faults_have_three_digits(results: Path) -> None:
+    fault = {"on": "wire", "fault": "lost", "with": {"probability": 0.442271}, "after_s": 0.153084}
+    with Store.open(results) as store:
+        case, (run, *_) = store.plan().cases[0], store.runs()
+    drawn = replace(run, table=json.dumps({"config": {}, "faults": [{**fault, "phase": "track"}]}))
+    assert faults_of_run(case, drawn) == "wire: lost (probability 0.442, after_s 0.153) track"
 
 
 def test_page_without_recordings_shows_cause(results: Path, tmp_path: Path) -> None:

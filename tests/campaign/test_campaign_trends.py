@@ -167,8 +167,8 @@ def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, t
     left = changed(before, tmp_path / "left.sqlite", first)
     right = changed(tmp_path / "made.sqlite", tmp_path / "one.sqlite", first)
     result = trend(left, with_primary(right, tmp_path / "right.sqlite", "cycles", "force_true_max_n"))
-    verdict = "`right` is better in 0 and worse in 1 of 2 primary figures, not tested; from 5 seeds on"
-    assert point(result).startswith(verdict)
+    verdict = "`right` is better in 0 and worse in 1 of 2 primary figures (1 has no preferred direction or is equal)"
+    assert point(result).startswith(f"Passed runs: 2/2 → 2/2. {verdict}, not tested; from 5 seeds on")
     text, lines = trend_page(result), "\n".join(trend_lines(result))
     assert "<h2>Primary figures, single runs</h2>" in text
     assert "<h2>Largest differences, not tested</h2>" in text
@@ -176,6 +176,23 @@ def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, t
     assert '<td class="count best" data-title="left">8.00 N</td>' in text
     assert '<td class="count" data-title="difference">+2.00 N</td>' in text
     assert re.search(r"the force_true_max_n +task.force_n 8.0 +8.00 N \* +10.0 N +\+2.00 N\n", lines)
+
+
+def test_trend_ranks_displayed_differences(before: Path, tmp_path: Path) -> None:
+    """Of single runs: values that are displayed alike do not differ, and a zero without a scale is no large change."""
+    sides = []
+    for name, values in (("left", (20.0, 0.01, 0.0, 1.0)), ("right", (0.5, 0.0, 50.0, 1.001))):
+        keys = "$.track_error_max_n", "$.drift_n_min", "$.overshoot_percent", "$.rms_error_n"
+        pairs = ", ".join(f"'{key}', {value}" for key, value in zip(keys, values, strict=True))
+        sql = f"UPDATE runs SET figures = json_set(figures, {pairs}) WHERE number = 0"
+        sides.append(changed(before, tmp_path / f"{name}.sqlite", "DELETE FROM runs WHERE seed > 0", sql))
+    lines = "\n".join(trend_lines(trend(*sides)))
+    rows = re.findall(r"^(\w[\w ]*?)  +task.force_n 8.0 .*?(\S+ \S+)$", lines, re.MULTILINE)
+    assert rows == [
+        ("overshoot", "+50.0 points"),
+        ("largest track error", "−19.5 N"),
+        ("drift", "−0.010 N/min"),
+    ]
 
 
 def test_trend_endless_time_is_never(before: Path, tmp_path: Path) -> None:
@@ -193,7 +210,8 @@ def test_trend_without_significance_counts_medians(short_results: Path, before: 
     after = made(short_results, tmp_path / "made.sqlite", 0.05)
     result = trend(before, with_primary(after, tmp_path / "after.sqlite", "cycles", "force_true_max_n"))
     assert point(result).startswith(
-        "`after` is better in 0 and worse in 1 of 2 primary figures, by their medians; none of them significantly."
+        "Passed runs: 24/24 → 24/24. `after` is better in 0 and worse in 1 of 2 primary figures (1 has no preferred "
+        "direction or is equal), by their medians; none of them significantly."
     )
 
 
@@ -202,7 +220,8 @@ def test_trend_over_all_cells_is_in_the_badge(before: Path) -> None:
     worse = replace(result, overall=replace(result.overall, adjusted=0.01, change=Change.WORSE))
     assert worse.worse
     assert point(worse).startswith(
-        "`same` is significantly worse over all: runs that passed, all cells: 24/24 → 24/24 (worse, adjusted p 0.010)."
+        "Passed runs: 24/24 → 24/24. `same` is significantly worse over all: "
+        "runs that passed, all cells: 24/24 → 24/24 (worse, adjusted p 0.010)."
     )
     assert '<span class="badge bad">significantly worse over all cells</span>' in trend_page(worse)
 
@@ -241,9 +260,10 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
         best = " best" * (name == "before")
         assert f'<td class="count{best}" data-title="{name}">{count}</td>' in text
     assert point(result) == (
+        "Passed runs: 24/24 → 15/24. "
         "`after` is significantly better in 0 and worse in 2 of 3 cells and figures; the clearest is "
         "largest true force at task.force_n 8.0: 8.55 N → 10.6 N (worse, adjusted p 7e-07). "
-        "24 of 24 runs passed in `before`, 15 of 24 runs passed in `after`; no setting differs."
+        "No setting differs."
     )
 
 

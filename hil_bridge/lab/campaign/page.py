@@ -1,6 +1,7 @@
 """Self-contained HTML page of a campaign."""
 
 import json
+import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +12,7 @@ from urllib.parse import quote
 
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.lab.campaign.criteria import figure_text
+from hil_bridge.lab.campaign.criteria import Criterion, figure_text, value_text
 from hil_bridge.lab.campaign.digest import (
     FigureResult,
     Tally,
@@ -39,7 +40,7 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.markup import cells, fold, pairs, prose, setting_cells, stacked
+from hil_bridge.show.report.markup import cells, fold, pairs, prose, stacked, table
 
 WORST = 30
 """Maximum number of failed runs listed individually, worst first. Chosen: longer lists are rarely read."""
@@ -106,13 +107,14 @@ class PageBody:
         others = [run for run in failed if worst is None or run.key != worst.key]
         figures = list(figure_results(plan, runs))
         cell = self._cell(store, worst)
-        shortcut = ' <a href="#worst-cell">See the worst run in three dimensions.</a>' if cell else ""
+        kind = "worst run" if failed else "run with the largest force"
+        shortcut = f' <a href="#worst-cell">See the {kind} in three dimensions.</a>' if cell else ""
         return f"""{_head(plan, tally, planned)}
 <p class="point">{prose(point(plan, runs, planned))}{shortcut}</p>
 {_counts(tally, planned)}
-<h2>Each case of the matrix</h2>
-{matrix(plan, runs)}
-{_primary(plan, figures)}{hunted or self._worst(store, plan, worst)}{cell}
+<div class="pair"><section><h2>Each case of the matrix</h2>
+{matrix(plan, runs)}</section>
+<section class="rest">{_primary(plan, figures)}{hunted or self._worst(store, plan, worst)}</section></div>{cell}
 {fold(self._others(store, plan, others), "more-failed")}
 {_criteria(plan, runs)}
 <h2>Distribution of the figures</h2>
@@ -209,24 +211,45 @@ def _primary(plan: Plan, figures: Sequence[FigureResult]) -> str:
 
 
 def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
-    """Return in one sentence what the runs show, with the criterion that most failed runs missed. `planned` is the
-    number of runs of the complete campaign.
+    """Return in one sentence how the runs ended if all passed, or the criterion that most failed runs missed. `planned`
+    is the number of runs of the complete campaign.
     """
     if not runs:
         return "No run has been executed yet."
     failed = [run for run in runs if not run.passed]
     if not failed:
-        hardest = max(runs, key=true_force)
-        every = "So far, every run" if len(runs) < planned else "Every run"
-        return f"{every} met every criterion; the largest true force was {true_force_text(plan, hardest)}."
+        of_all = f" of {planned}" * (len(runs) < planned)
+        ended = ", ".join(
+            f"{count} {name}" for name, count in Counter(run.outcome for run in runs).most_common()
+        )
+        done = f"{len(runs)}{of_all} run{'s' * (planned != 1)}"
+        return f"{done}: {ended}; every one met every criterion; {_largest_force(plan, runs)}."
     cases = len({run.number for run in failed})
     where = f"{cases} of {len(plan.possible)} cases have failed runs"
+    which = "failed run"
+    if len(failed) == len(runs):
+        every = "The only case" if cases == 1 else f"All {cases} cases"
+        where = f"{every}{' run so far' * (len(runs) < planned)} failed"
+        which = "run"
     missed = [(sum(one.judge(run.figures) is False for run in failed), one) for one in plan.criteria]
     count, criterion = max(missed, key=itemgetter(0), default=(0, None))
     if criterion is None or not count:
         return f"{where}."
-    runs_of = "every failed run" if count == len(failed) else f"{count} of {len(failed)} failed runs"
+    runs_of = f"every {which}" if count == len(failed) else f"{count} of {len(failed)} {which}s"
     return f"{where}; {runs_of} missed “{criterion.title}”."
+
+
+def _largest_force(plan: Plan, runs: Sequence[Done]) -> str:
+    """Describe the largest true force, with the criterion on it, or else the bound of that run with its faults."""
+    hardest = max(runs, key=true_force)
+    text = f"largest true force {true_force_text(plan, hardest)}"
+    for one in plan.criteria:
+        if one.figure == "force_true_max_n":
+            return f"{text} (required: {one.required})"
+    beyond = hardest.figures.get("force_beyond_n")
+    if not isinstance(beyond, float) or not math.isfinite(beyond):
+        return text
+    return f"{text} (bound {value_text('force_bound_n', true_force(hardest) - beyond)})"
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
@@ -271,7 +294,20 @@ def _counts(tally: Tally, planned: int) -> str:
 
 def _criteria(plan: Plan, runs: Sequence[Done]) -> str:
     section = criteria_section(criterion_results(plan, runs))
-    return f"<h2>{section.title}</h2>{setting_cells(section.columns, section.rows)}"
+    head = "".join(f"<th>{escape(title)}</th>" for title in section.columns)
+    rows = (
+        f"<td>{_criterion(one)}</td>{''.join(f'<td>{count}</td>' for count in counts)}"
+        for one, (_, *counts) in zip(plan.criteria, section.rows, strict=True)
+    )
+    return (
+        f"<h2>{section.title}</h2>{table(rows, 'narrow settings values', f'<thead><tr>{head}</tr></thead>')}"
+    )
+
+
+def _criterion(one: Criterion) -> str:
+    """Render a criterion in words, with the key of its figure in small print if it is another word."""
+    key = f" <code>{one.figure}</code>" * (one.figure != FIGURES[one.figure].words)
+    return f"{escape(one.title)}{key}"
 
 
 def _figures(figures: Iterable[FigureResult]) -> str:

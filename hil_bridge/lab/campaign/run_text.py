@@ -1,8 +1,10 @@
 """Text that describes a campaign run: its case, its drawn settings and faults, and how it ended."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
+from hil_bridge.errors.rounding import three_digits
 from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.plan import Case, Plan, fault_label, faults_of_table
 from hil_bridge.lab.campaign.store import Done
@@ -14,13 +16,26 @@ def fault_of(case: Case) -> str:
 
 
 def faults_of_run(case: Case, done: Done) -> str:
-    """Format the faults of a run: the fault of its case, or the faults drawn for it."""
+    """Format the faults of a run: the fault of its case, or the faults drawn for it, with three digits."""
     if "config" not in json.loads(done.table):
         return fault_of(case)
     faults = [
-        f"{fault_label(fault)} {fault.get('phase', '')}".rstrip() for fault in faults_of_table(done.table)
+        f"{fault_label(_round(fault))} {fault.get('phase', '')}".rstrip()
+        for fault in faults_of_table(done.table)
     ]
     return "; ".join(faults) or "none"
+
+
+def _round(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Format the drawn numbers of a table with three significant digits."""
+    return {
+        key: _round(value)
+        if isinstance(value, dict)
+        else three_digits(value)
+        if isinstance(value, float)
+        else value
+        for key, value in table.items()
+    }
 
 
 def settings_of_run(done: Done) -> str:

@@ -39,6 +39,7 @@ def distributions(plan: Plan, runs: Sequence[Done]) -> str:
     value in all runs share a line of text. Figures of very few runs are folded, and all beyond FIRST_MOST.
     """
     limits = {one.figure: one.limits for one in plan.criteria}
+    missing = {one.figure: [run for run in runs if one.judge(run.figures) is False] for one in plan.criteria}
     first: list[str] = []
     more: list[str] = []
     same: list[str] = []
@@ -50,7 +51,9 @@ def distributions(plan: Plan, runs: Sequence[Done]) -> str:
             same.append(f"{FIGURES[key].words} {FIGURES[key].text(values[0])}")
             continue
         folded = len(first) == FIRST_MOST or (len(values) < FEWEST and key not in limits)
-        (more if folded else first).append(_distribution(key, values, limits.get(key, {})))
+        (more if folded else first).append(
+            _distribution(key, values, limits.get(key, {}), values_of(key, missing.get(key, ())))
+        )
     if not first and not more and not same:
         return "<p>none</p>"
     alike = f"<p>The same in all runs that have it: {escape('; '.join(same))}.</p>" if same else ""
@@ -62,7 +65,9 @@ def _side_by_side(figures: Sequence[str]) -> str:
     return f'<div class="figures">{"".join(figures)}</div>' if figures else ""
 
 
-def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]) -> str:
+def _distribution(
+    key: str, values: Sequence[float], bounds: Mapping[str, float], bad: Sequence[float]
+) -> str:
     one, finite = FIGURES[key], [value for value in values if math.isfinite(value)]
     title = f"<strong>{escape(one.title)}</strong> <code>{key}</code><br>{escape(one.how)}"
     endless = len(values) - len(finite)
@@ -71,13 +76,14 @@ def _distribution(key: str, values: Sequence[float], bounds: Mapping[str, float]
     low, high = finite[0], finite[-1]
     median, late = statistics.median(finite), finite[math.ceil(0.99 * len(finite)) - 1]
     counts = _runs(len(finite)) + (f", and {endless} {one.infinite}" if endless else "")
-    allowed = "".join(f"; required: {_bound_text(word, bound)}" for word, bound in bounds.items())
+    picture = _Picture(key, finite, bounds, bad)
+    allowed = "".join(f"; required: {_bound_text(word, bounds[word])}" for word in picture.far)
     named = [("median", median)] if len(finite) < FEW else [("median", median), ("99 % ≤", late)]
     if any(not low <= bound <= high for bound in bounds.values()):  # otherwise they are the ends of the axis
         named += [("least", low), ("largest", high)]
     numbers = ", ".join(f"{name} {_number(value, bounds.values())}" for name, value in named) + allowed
     return (
-        f"<figure><figcaption>{title}</figcaption>{_Picture(key, finite, bounds).draw()}"
+        f"<figure><figcaption>{title}</figcaption>{picture.draw()}"
         f"<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
 
@@ -105,11 +111,20 @@ class _Picture:
     inline styles.
     """
 
-    def __init__(self, key: str, values: Sequence[float], bounds: Mapping[str, float]) -> None:
-        """Create a picture. The axis is extended to a bound that is close to the range of the values."""
+    def __init__(
+        self, key: str, values: Sequence[float], bounds: Mapping[str, float], bad: Sequence[float]
+    ) -> None:
+        """Create a picture. The axis is extended to a bound that is close to the range of the values. `bad` are the
+        values that do not meet their criterion.
+        """
         low, high = values[0], values[-1]
         span = high - low or abs(high) or 1.0
         self._near = {word: b for word, b in bounds.items() if low - span < b < high + span}
+        self.far = tuple(word for word in bounds if word not in self._near)
+        """Bounds that the picture does not draw."""
+        self._bad = Counter(bad)
+        self._pad = _DOT / 2 if len(values) < FEW else 0.0
+        """Margin at both ends of the axis, px: the radius of a dot."""
         self._low = min([low, *self._near.values()])
         self._high = max([high, *self._near.values()])
         self._span = self._high - self._low or 1.0
@@ -129,7 +144,7 @@ class _Picture:
         ]
         for word, bound in self._near.items():
             at = self._x(bound)
-            parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{height}"/>')
+            parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{base}"/>')
             side, anchor = (at - 4, "end") if at > _WIDTH / 2 else (at + 4, "start")
             text = _bound_text(word, bound)
             parts.append(f'<text class="bound" x="{side:.1f}" y="10" text-anchor="{anchor}">{text}</text>')
@@ -137,7 +152,7 @@ class _Picture:
         return f'<svg viewBox="0 0 {_WIDTH} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
     def _x(self, value: float) -> float:
-        return (value - self._low) / self._span * _WIDTH
+        return self._pad + (value - self._low) / self._span * (_WIDTH - 2.0 * self._pad)
 
     def _bars(self) -> tuple[list[str], int]:
         """Return the bars from the smallest to the largest value, and the height of the axis."""
@@ -166,8 +181,10 @@ class _Picture:
         for place, value in zip(places, self._values, strict=True):
             y = base - _DOT / 2 - step * below[place]
             below[place] += 1
-            title = _number(value)
+            style, at = ' class="bad"' * (self._bad[value] > 0), self._x(value)
+            self._bad[value] -= 1
             parts.append(
-                f'<circle cx="{self._x(value):.1f}" cy="{y:.1f}" r="{_DOT / 2 - 0.5}"><title>{title}</title></circle>'
+                f'<circle{style} cx="{at:.1f}" cy="{y:.1f}" r="{_DOT / 2 - 0.5}">'
+                f"<title>{_number(value)}</title></circle>"
             )
         return parts, base

@@ -11,7 +11,7 @@ from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
 from hil_bridge.lab.text_tables import aligned
-from hil_bridge.record.analysis.definition import UNKNOWN, concise
+from hil_bridge.record.analysis.definition import UNKNOWN, concise, difference, rounded
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.report.markup import Value, cells, fold, prose, stacked
@@ -31,6 +31,7 @@ _SETTINGS_MOST = 2
 _TESTS = "adjusted p", "change"
 """Titles of the columns with the test of a row."""
 _PLACE = "place"
+_CASE = "case "
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
 
 
@@ -52,7 +53,7 @@ class _Row(NamedTuple):
 def headline(trend: Trend) -> str:
     """Return the outcome of the comparison as one line."""
     first, last = trend.results[0].name, trend.results[-1].name
-    count = len(trend.primary) + len(trend.figures)
+    count = len(trend.primary) + len(_differing(trend))
     return f"{first} → {last}: {_outcome(trend)} in {len(trend.cells)} cells and {count} figures"
 
 
@@ -76,7 +77,7 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     if listed:
         yield ""
         yield from aligned(_figure_titles(trend), [_line_of(_figure_row(trend, row)) for row in listed])
-    if more := len(trend.primary) + len(trend.figures) - len(listed):
+    if more := len(trend.primary) + len(_differing(trend)) - len(listed):
         yield f"and {more} more figures, on the page"
     differing, same = _cells(trend)
     yield ""
@@ -99,14 +100,17 @@ def trend_page(trend: Trend) -> str:
     kind = "single runs" if _single(trend) else "medians"
     others = f"{'Other figures' if trend.primary else 'Figures'} that differ, {kind}"
     note = f'<p class="quiet"><strong>Bold</strong>: {escape(_note(trend))}</p>'
+    primary = ""
+    if trend.primary:
+        primary = f"<section><h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}</section>"
     body = f"""<header class="headline"><h1>{_title(names)}</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
-{f"<h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}{note}" if trend.primary else ""}
-<h2>Runs that passed, by cell</h2>
-{_cell_tables(trend)}
+<div class="pair">{primary}
+<section><h2>Runs that passed, by cell</h2>
+{_cell_tables(trend)}</section></div>{note if primary else ""}
 <h2>{others if trend.tested else "Largest differences, not tested"}</h2>
-{_other_figures(trend)}{"" if trend.primary else note}
+{_other_figures(trend)}{"" if primary else note}
 {_setting_table(trend, names)}
 {_course(trend)}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'sides')}")}"""
@@ -120,7 +124,7 @@ def _title(names: Sequence[str]) -> str:
 
 
 def point(trend: Trend) -> str:
-    """Return in two or three sentences which results are better by what, how many runs passed, and what differs."""
+    """Return in three or four sentences how many runs passed, which results are better by what, and what differs."""
     first, last = trend.results[0], trend.results[-1]
     settings = trend.settings
     differ = [
@@ -128,8 +132,8 @@ def point(trend: Trend) -> str:
     ]
     if len(settings) > _SETTINGS_MOST:
         differ = [f"{len(settings)} settings differ"]
-    passed = [f"{one.tally.passed} of {one.tally.total} runs passed in `{one.name}`" for one in (first, last)]
-    return f"{_verdict(trend)} {', '.join(passed)}; {'; '.join(differ) or 'no setting differs'}."
+    passed = f"Passed runs: {_count(first.tally)} → {_count(last.tally)}."
+    return f"{passed} {_verdict(trend)} {'; '.join(differ) or 'No setting differs'}."
 
 
 def _verdict(trend: Trend) -> str:
@@ -142,14 +146,18 @@ def _verdict(trend: Trend) -> str:
     for kind, rows in levels:
         if judged := [row for row in rows if row.change in (Change.BETTER, Change.WORSE)]:
             counts = _counts(Counter(row.change for row in judged), len(rows))
-            clearest = _describe(min(judged, key=_significance))
+            clearest = _describe(trend, min(judged, key=_significance))
             return f"{last} is significantly {counts} {kind}; the clearest is {clearest}."
     if trend.overall.change:
-        return f"{last} is significantly {trend.overall.change} over all: {_describe(trend.overall)}."
-    if not (listed := trend.primary or trend.figures):
+        return f"{last} is significantly {trend.overall.change} over all: {_describe(trend, trend.overall)}."
+    if not (listed := trend.primary or _differing(trend)):
         return "No figure differs."
     kind = "primary figures" if trend.primary else "figures that differ"
-    better = f"{last} is {_counts(Counter(row.direction for row in listed), len(listed))} {kind}"
+    directions = Counter(row.direction for row in listed)
+    better = f"{last} is {_counts(directions, len(listed))} {kind}"
+    if rest := directions[Change.NONE] + directions[Change.OTHER]:
+        have, are = ("has", "is") if rest == 1 else ("have", "are")
+        better += f" ({rest} {have} no preferred direction or {are} equal)"
     if trend.tested:
         return f"{better}, by their medians; none of them significantly."
     return f"{better}, not tested; from {trend.runs_needed} seeds on, a difference can be significant."
@@ -159,13 +167,13 @@ def _counts(changes: Mapping[Change, int], count: int) -> str:
     return f"better in {changes[Change.BETTER]} and worse in {changes[Change.WORSE]} of {count}"
 
 
-def _describe(row: CellChange | FigureChange) -> str:
+def _describe(trend: Trend, row: CellChange | FigureChange) -> str:
     """Describe a significant change."""
     if isinstance(row, FigureChange):
-        what = f"{row.label} at {row.cell}"
+        what = f"{row.label} at {_label(trend, row.cell)}"
         before, after = (_median_text(row, place) for place in (0, -1))
     else:
-        what = f"runs that passed, {row.cell}"
+        what = f"runs that passed, {_label(trend, row.cell)}"
         before, after = _count(row.tallies[0]), _count(row.tallies[-1])
     return f"{what}: {before} → {after} ({row.change}, adjusted p {_probability(row.adjusted)})"
 
@@ -235,7 +243,7 @@ def _cell_titles(trend: Trend) -> tuple[str, ...]:
 def _cell_row(trend: Trend, row: CellChange) -> _Row:
     counts = tuple(map(_count, row.tallies))
     return _Row(
-        (row.cell,),
+        (_label(trend, row.cell),),
         counts,
         ("",) * len(counts),
         _best(trend, row),
@@ -257,7 +265,12 @@ def _figure_row(trend: Trend, row: FigureChange) -> _Row:
     medians = tuple(_median_text(row, place) for place in range(len(row.medians)))
     intervals = tuple(_interval_text(row, interval) for interval in row.intervals)
     more = (_difference_text(row), *_test_texts(row) * trend.tested)
-    return _Row((row.label, row.cell), medians, intervals, _best(trend, row), more, row.change)
+    return _Row((row.label, _label(trend, row.cell)), medians, intervals, _best(trend, row), more, row.change)
+
+
+def _label(trend: Trend, cell: str) -> str:
+    """Return the label of a cell without the name of the axis `case`, if every cell begins with it."""
+    return cell.removeprefix(_CASE) if all(one.cell.startswith(_CASE) for one in trend.cells) else cell
 
 
 def _best(trend: Trend, row: CellChange | FigureChange) -> frozenset[int]:
@@ -267,11 +280,8 @@ def _best(trend: Trend, row: CellChange | FigureChange) -> frozenset[int]:
 
 def _difference_text(row: FigureChange) -> str:
     """Format the last median minus the first, each rounded as the table shows it; a dash if one is infinite."""
-    definition = FIGURES[row.figure]
-    form, scale = definition.form, definition.scale
-    known = [float(f"{one * scale:{form}}") for one in (row.medians[0], row.medians[-1]) if one is not None]
-    difference = known[1] - known[0] if len(known) > 1 else None
-    return concise(difference, 1.0, f"+{form.lstrip('+')}", definition.unit)
+    first, last = row.medians[0], row.medians[-1]
+    return UNKNOWN if first is None or last is None else difference(first, last, FIGURES[row.figure])
 
 
 def _median_text(row: FigureChange, place: int) -> str:
@@ -315,11 +325,30 @@ def _significance(row: CellChange | FigureChange) -> tuple[float, float, float]:
 
 
 def _relative_change(row: FigureChange) -> float:
-    """Return the change of the median as a share of both medians and the smallest relevant difference, from 0 to 1."""
-    first, last = row.medians[0], row.medians[-1]
+    """Return the change of the displayed median as a share of both medians and the smallest relevant difference, from
+    0 to 1. It is 0 if a median is 0 and no smallest relevant difference gives it a scale.
+    """
+    definition, (first, *_, last) = FIGURES[row.figure], _displayed(row)
     if first is None or last is None:
         return float(first is not last)
-    return abs(last - first) / ((abs(first) + abs(last) + (FIGURES[row.figure].least or 0.0)) or 1.0)
+    least = (definition.least or 0.0) * definition.scale
+    if not least and not (first and last):
+        return 0.0
+    return abs(last - first) / (abs(first) + abs(last) + least)
+
+
+def _displayed(row: FigureChange) -> list[float | None]:
+    """Return the medians as displayed; None for an infinite or unknown one."""
+    return [None if one is None else rounded(one, FIGURES[row.figure]) for one in row.medians]
+
+
+def _differing(trend: Trend) -> list[FigureChange]:
+    """Return the figures that are not primary and whose displayed medians differ, or that changed significantly."""
+    return [
+        row
+        for row in trend.figures
+        if row.change or len({*zip(_displayed(row), map(bool, row.runs), strict=True)}) > 1
+    ]
 
 
 def _ranked(trend: Trend) -> list[FigureChange]:
@@ -327,7 +356,7 @@ def _ranked(trend: Trend) -> list[FigureChange]:
     changed most, and then the others, beginning with the figures that have a preferred direction.
     """
     significant = sorted((row for row in trend.figures if row.change), key=_significance)
-    others = [row for row in trend.figures if not row.change]
+    others = [row for row in _differing(trend) if not row.change]
     by_figure: dict[str, list[FigureChange]] = {}
     for row in sorted(others, key=lambda row: (row.direction is Change.OTHER, -_relative_change(row))):
         by_figure.setdefault(row.figure, []).append(row)

@@ -102,11 +102,16 @@ def decimals(value: float, form: str) -> int:
 
 
 def difference(before: float, after: float, figure: Definition) -> str:
-    """Format how much larger `after` is, from the displayed values; percentages differ by points. The form of the
-    figure ends with `f`.
-    """
-    values = [value * figure.scale for value in (before, after)]
-    places = [decimals(value, figure.form) for value in values]
-    first, last = map(round, values, places)
+    """Format how much larger `after` is, from the displayed values and as `concise`; percentages differ by points."""
+    form, values = f"+{figure.form.lstrip('+')}", [value * figure.scale for value in (before, after)]
+    if form.endswith("f"):
+        form = f"+.{max(decimals(value, figure.form) for value in values)}f"
     unit = "points" if figure.unit == "%" else figure.unit
-    return quantity(last - first, 1.0, f"+.{max(places)}f", unit)
+    return concise(rounded(after, figure) - rounded(before, figure), 1.0, form, unit)
+
+
+def rounded(value: float, figure: Definition) -> float:
+    """Return a finite value in the displayed unit, rounded as `concise` formats it."""
+    value *= figure.scale
+    form = figure.form
+    return round(value, decimals(value, form)) if form.endswith("f") else float(f"{value:{form}}")
