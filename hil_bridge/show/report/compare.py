@@ -109,7 +109,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
 <section>{_settings(ours, settings, only_some)}</section></div>
 <h2>How they ended</h2>
 {_side_by_side(labels, _ends(runs, summaries), "sides")}
-{fold(f"<h2>Other figures</h2>{_figure_table(labels, summaries, figures, merits, others=True)}")}
+{fold(f"<h2>Other figures</h2>{_figure_table(labels, summaries, figures, merits)}")}
 {_bags(runs)}"""
     return document(f"compared: {', '.join(runs)}", body)
 
@@ -328,12 +328,12 @@ def _figure_table(
     summaries: Mapping[str, Summary],
     figures: Sequence[Mapping[str, str]],
     merits: Sequence[str],
-    others: bool = False,
-    best: bool = False,
+    best: bool | None = None,
 ) -> str:
-    """Render each figure of merit or, with `others`, each other figure that a run has; of two runs, also the
-    difference. With `best`, the best value of each line is bold.
+    """Render each figure of merit or, if `best` is None, each other figure that a run has; of two runs, also the
+    difference. If `best` is true, the best value of each line is bold.
     """
+    others = best is None
     changes = _changes(*summaries.values()) if len(summaries) == 2 else None
     last = "" if changes is None else " − ".join(reversed([*summaries]))
     titles = (*labels, *[last] * (changes is not None))
