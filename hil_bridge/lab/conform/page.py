@@ -82,8 +82,8 @@ def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioRe
     names = f"{', '.join(others)} and {last}" if others else last
     if len(results) == 1:
         return f"Failed: {failed[0].verdict.reason}."
-    found = f": {failed[0].verdict.faults[0]}" if len(failed) == 1 else ""
-    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios{found}."
+    mistake = f": {failed[0].verdict.faults[0]}" if len(failed) == 1 else ""
+    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios{mistake}."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:

@@ -373,11 +373,11 @@ def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:
         if figure.good is Good.NONE or len(known) < len(values):
             continue
         scaled = [value * figure.scale for value in known]
-        shown = [round(value, decimals(value, figure.form)) for value in scaled]
+        rounded = [round(value, decimals(value, figure.form)) for value in scaled]
         if figure.good is Good.NEAR_ZERO:
-            shown = [abs(value) for value in shown]
-        if len(set(shown)) > 1:
-            places[figure.words] = {place for place, value in enumerate(shown) if value == min(shown)}
+            rounded = [abs(value) for value in rounded]
+        if len(set(rounded)) > 1:
+            places[figure.words] = {place for place, value in enumerate(rounded) if value == min(rounded)}
     return places
 
 
