@@ -121,7 +121,9 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
     failed = replace(run_scenario(EgmClient, "blind", "stopped"), output="<b>\x1b[2J\n")
     passed = replace(failed, name="nominal", verdict=Verdict(Outcome.PASSED, "moved"))
     text = conform_page(robot_trial(), [passed, failed], COMMAND, TESTED_AT)
-    verdict = "The client failed <code>stopped</code>, 1 of 2 scenarios."
+    verdict = (
+        "The client failed <code>stopped</code>, 1 of 2 scenarios: sent 125 motion orders after the stop"
+    )
     assert (
         text.index(verdict) < text.index('<table class="verdicts">') < text.index('<figure class="timeline">')
     )
@@ -131,7 +133,7 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
         "&#x27;my client&#x27; &#x27;{host}&#x27;",
     )
     assert f'<code title="{full}">{short}</code>, tested 2026-03-01 12:00:00 UTC' in text
-    assert text.count("sent 125 motion orders after the stop") == 1
+    assert text.count("sent 125 motion orders after the stop") == 2, "in the verdict and in the table"
     assert "&lt;b&gt;\ufffd[2J" in text
     assert re.findall(r'(?:src|href)="([^"]*)"', text) == ["#stopped"]
     assert "default-src 'none'" in text
@@ -185,8 +187,8 @@ def test_conform_writes_page_and_keeps_other_file(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, [*command, "--", "sleep", "9"])
     assert result.exit_code == 4, result.output
     text = place.read_text(encoding="utf-8")
-    assert "The client failed <code>nominal</code>.</p>" in text
-    assert "<td>never connected: nothing in 0.2 s</td>" in text
+    assert "Failed: never connected: nothing in 0.2\u00a0s.</p>" in text
+    assert '<table class="verdicts">' not in text, "one scenario needs no table"
     assert "--set start_s=0.2 -- sleep 9</code>" in text
     with pytest.raises(Exception, match="already exists"):
         CliRunner().invoke(cli, [*command, "--", "sleep", "9"], catch_exceptions=False)

@@ -88,16 +88,16 @@ def test_compare_begins_with_charts_and_figures() -> None:
     second = run(9.0, 20, {"run": {"seed": 2}, "task": {"force_n": 9.0}, "cell": {"new": 1}})
     page = compare_page({"a": first, "b": second})
     parts = (
-        '<p class="point">Overshoot 0.0 % in <code>a</code>, 0.0 % in <code>b</code>; RMS error 1.00 N in',
+        '<p class="point">Overshoot 0.0\u00a0% in <code>a</code>, 0.0\u00a0% in <code>b</code>; RMS error',
         "runs completed; <code>run.seed</code> differs.</p>",
         'data-charts="data-runs" data-first="1"',
-        '<td class="quiet">overshoot</td>',
+        '<td class="text quiet">overshoot</td>',
         "<td>run.<wbr>seed</td><td>1</td><td>2</td>",
         '<details class="fold"><summary><h2>Settings that only some runs have: 1</h2></summary>',
         "<td>cell.<wbr>new</td><td>–</td><td>1</td>",
         "<td>outcome</td>",
         '<details class="fold"><summary><h2>Other figures</h2></summary>',
-        '<td class="quiet">mean contact force</td>',
+        '<td class="text quiet">mean contact force</td>',
     )
     assert sorted(parts, key=page.index) == [*parts]
     assert "no setting differs" in compare_page({"a": first, "b": first})
@@ -106,7 +106,10 @@ def test_compare_begins_with_charts_and_figures() -> None:
 def test_compare_of_two_runs_has_differences() -> None:
     first, second, third = (run(force_n, 20, {}) for force_n in (8.0, 9.5, 9.0))
     page = compare_page({"a": first, "b": second})
-    line = "".join(f'<td class="">{text}</td>' for text in ("RMS error", "2.00 N", "0.50 N", "−1.50 N"))
+    values = (("count", "a", "2.00 N"), ("count best", "b", "0.50 N"), ("count", "b − a", "−1.50 N"))
+    line = '<td class="text">RMS error</td>' + "".join(
+        f'<td class="{style}" data-title="{title}">{text}</td>' for style, title, text in values
+    )
     assert "<th>b − a</th>" in page
     assert line in page
     assert "<th>b − a</th>" not in compare_page({"a": first, "b": second, "c": third})
@@ -129,6 +132,8 @@ def test_compare_names_controller_and_warns_of_other_task() -> None:
     assert page.count("</i>b: predictive</th>") == 3, "both tables of figures, and the ends"
     assert '"label":"a: pi"' in page
     same = compare_page({"a": first, "b": first})
+    assert "No value is marked as best: the tasks differ." in page
+    assert "count best" not in page
     assert "bar caution" not in same.rpartition("</style>")[2]
     assert "</i>a</th>" in same
 

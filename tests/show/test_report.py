@@ -201,7 +201,7 @@ def test_report_gives_command_for_a_tool_left_in_contact() -> None:
     place = "NOT retracted: left at 1 mm"
     end = dataclasses.replace(END, left=f"{place}, because x", place=place, rest={"retracted": False})
     recording = dataclasses.replace(run(), end=end.as_metadata())
-    line = "NOT retracted: left at 1 mm; <code>hil-bridge free</code> lifts it off.</p>"
+    line = "NOT retracted: left at 1\u00a0mm; <code>hil-bridge free</code> lifts it off.</p>"
     assert line in page(recording, summarise(recording))
 
 

@@ -162,7 +162,7 @@ async def test_browser_shows_run_cut_and_alarm(
         assert await page.value(GOOD) == []
         await page.until("document.querySelector('#list .alarm')")
         await page.until("!document.getElementById('outcome').hidden")
-        outcome = await page.value(text("outcome"))
+        outcome = (await page.value(text("outcome"))).replace("\u00a0", " ")
         await page.until("document.body.classList.contains('ended')")
         assert await page.value(text("phase")) == "stopped"
         assert "supervisor" not in await page.value("document.getElementById('motion').innerText")

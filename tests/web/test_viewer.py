@@ -71,7 +71,7 @@ async def test_browser_plays_back_a_recording(
     await page.until(f"{text('phase')} === 'stopped'")
     assert "EMULATED" in await page.value(text("cell"))
     assert await page.value("document.getElementById('end').hidden")
-    outcome = await page.value(text("outcome"))
+    outcome = (await page.value(text("outcome"))).replace("\u00a0", " ")
     assert outcome.strip().startswith("At the end: Injected fault: robot emergency stop.")
     assert "The robot cannot move: emergency stop, in standby." in outcome
     stopped = await page.value(text("elapsed"))

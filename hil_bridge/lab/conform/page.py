@@ -11,6 +11,7 @@ from typing import Any
 from hil_bridge.lab.conform.reports import evidence, lateness, not_modelled, printable, released
 from hil_bridge.lab.conform.trial import SUITE_VERSION, ScenarioResult, Trial
 from hil_bridge.lab.conform.verdict import Outcome
+from hil_bridge.show.charts.end_panel import unbreakable
 from hil_bridge.show.pages import document
 from hil_bridge.show.pages.timeline import timeline
 from hil_bridge.show.report.markup import across, cells, fold, pairs, prose
@@ -42,10 +43,10 @@ def conform_page(
     notes += "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
     body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{outcome}</span></header>
-<p class="quiet">Client <code title="{escape(shlex.join(command))}">{escape(short)}</code>, {tested}
+<p class="quiet small">Client <code title="{escape(shlex.join(command))}">{escape(short)}</code>, {tested}
 with hil-bridge {escape(released())}, suite {SUITE_VERSION}.</p>
-<p class="point">{prose(_verdict(results, failed))}</p>
-{_table(results)}{notes}
+<p class="point">{prose(unbreakable(_verdict(results, failed)))}</p>
+{_table(results) if len(results) > 1 else ""}{notes}
 {"".join(_failure(trial, one, client) for one in failed)}
 {fold(f"<h2>Rules</h2>{cells(('rule', 'value', 'meaning'), rules, 'narrow')}")}
 <p class="quiet">{_EMULATED}</p>"""
@@ -68,7 +69,9 @@ def repeat_command(trial: Trial[Any], only: str, client: Sequence[str]) -> str:
 
 
 def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioResult[Any]]) -> str:
-    """Return the verdict in one sentence; the table below it has the mistakes."""
+    """Return the verdict in one sentence, with the first mistake of a single failure; the table has the others."""
+    if len(results) == 1 and not failed:
+        return f"{results[0].verdict.outcome.capitalize()}: {results[0].verdict.reason}."
     if not failed:
         skipped = [one.name for one in results if one.verdict.outcome is Outcome.SKIPPED]
         if len(skipped) == len(results):
@@ -77,8 +80,10 @@ def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioRe
         return f"The client passed {len(results) - len(skipped)} of {len(results)} scenarios{without}."
     *others, last = (f"`{one.name}`" for one in failed)
     names = f"{', '.join(others)} and {last}" if others else last
-    share = f", {len(failed)} of {len(results)} scenarios" if len(results) > 1 else ""
-    return f"The client failed {names}{share}."
+    if len(results) == 1:
+        return f"Failed: {failed[0].verdict.reason}."
+    mistake = f": {failed[0].verdict.faults[0]}" if len(failed) == 1 else ""
+    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios{mistake}."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:

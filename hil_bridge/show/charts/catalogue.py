@@ -85,9 +85,9 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             "Force along the approach, positive while pressing",
             "N",
             (
-                Series(CYCLE, "force_reference", "target", "target", "step", dashed=True),
                 Series(TRUTH, "force", "true force", "truth", dashed=True, layer=TRUTH),
                 Series(CYCLE, "force", "measured force", width=1.8),
+                Series(CYCLE, "force_reference", "target", "target", "step", width=1.0, dashed=True),
                 Series(CYCLE, "clamped", "clamped by the supervisor", "limit", "points"),
             ),
             (Band(STREAM, "low", "high", "full stream", layer=STREAM),),

@@ -1,5 +1,6 @@
 """Panel that states how a run ended, the same in a report and on the page of a run."""
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -14,12 +15,16 @@ _STYLES = {Outcome.STOPPED: "alarm", Outcome.INTERRUPTED: "caution"}
 """Colours of the panel, as classes of `pages.css`."""
 
 
+_QUANTITY = re.compile(r"(?<=\d) (?=(?:N·m|N|mm|ms|s|g)\b|%)")
+"""Space between a number and its unit."""
+
+
 class EndLine(NamedTuple):
     """Sentence of the panel."""
 
     text: str
     style: str = ""
-    """Class of `pages.css`: `lead`, `alarm` or `quiet`; empty for plain text."""
+    """Class of `pages.css`: `lead`, `alarm`, `todo` or `quiet`; empty for plain text."""
 
 
 class EndPanel(Struct, frozen=True):
@@ -45,9 +50,17 @@ def end_panel(end: RunEnd, events: Iterable[EventRecord], when: str, lift: bool 
     return EndPanel(
         end.outcome,
         _STYLES.get(end.outcome, ""),
-        list(_lines(end, [] if end.outcome is Outcome.COMPLETED else [*faults], when, lift)),
+        [
+            EndLine(unbreakable(text), style)
+            for text, style in _lines(end, [] if end.outcome is Outcome.COMPLETED else [*faults], when, lift)
+        ],
         repeats=[reason.fact for reason in (*stated, *end.followed)],
     )
+
+
+def unbreakable(text: str) -> str:
+    """Return a text that has no line break between a number and its unit."""
+    return _QUANTITY.sub("\u00a0", text)
 
 
 def _lines(end: RunEnd, faults: Sequence[str], when: str, lift: bool) -> Iterator[EndLine]:
@@ -61,8 +74,9 @@ def _lines(end: RunEnd, faults: Sequence[str], when: str, lift: bool) -> Iterato
         yield EndLine(sentence(text), "" if place else "lead")
     for followed in end.followed:
         yield EndLine(f"Then: {followed.fact}.")
+    known = end.place and end.rest.get("force_n") is not None and not end.rest.get("unverified")
     tool = (
-        f"The tool was {left}{'; `hil-bridge free` lifts it off' * lift}"
+        f"The tool was {left}{' measured' * bool(known)}{'; `hil-bridge free` lifts it off' * lift}"
         if left
         else "The tool has not moved"
     )
@@ -70,6 +84,6 @@ def _lines(end: RunEnd, faults: Sequence[str], when: str, lift: bool) -> Iterato
     yield EndLine(f"{tool}.", "alarm" if end.retracted is False else "" if facts else "lead")
     if reason is not None:
         if reason.remedy:
-            yield EndLine(sentence(reason.remedy))
+            yield EndLine(f"Next: {reason.remedy}.", "todo")
         details = (when, f"cause: {reason.cause}", describe_lateness(reason.late_s))
         yield EndLine(sentence("; ".join(filter(None, details))), "quiet")

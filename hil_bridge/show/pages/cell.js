@@ -68,9 +68,14 @@ var HilCell = (() => {
         if (gone > 0) for (const list of Object.values(table)) list.splice(0, gone);
       }
       const {x} = this.tables.cycle;
-      if (this.slider && x.length) { this.slider.min = x[0]; this.slider.max = x[x.length - 1]; }
+      if (x.length) this.bounds(x[0], x[x.length - 1]);
       this.stale = true;
       this.soon();
+    }
+
+    bounds(from, to) {   // of the slider; after the last row, the cell keeps its pose
+      this.until = to;
+      if (this.slider) { this.slider.min = from; this.slider.max = to; }
     }
 
     show(t) { this.at = t; this.soon(); }
@@ -80,9 +85,9 @@ var HilCell = (() => {
     paint(name) { this.now = name; if (this.select) this.select.value = name; this.path = null; this.wear = null; this.soon(); }
 
     play() {
-      const {x} = this.tables.cycle, end = x[x.length - 1];
+      const {x} = this.tables.cycle;
       if (!x.length) return;
-      if (this.at === null || this.at >= end) this.at = x[0];
+      if (this.at === null || this.at >= this.until) this.at = x[0];
       this.playing = true;
       this.since = performance.now();
       this.button.textContent = "❚❚"; this.button.setAttribute("aria-label", "pause");
@@ -140,8 +145,9 @@ var HilCell = (() => {
       fast.type = "button"; fast.title = "speed"; fast.setAttribute("aria-label", "speed");
       fast.addEventListener("click", () => { this.speed = (this.speed + 1) % SPEEDS.length; fast.textContent = `${SPEEDS[this.speed]}×`; });
       const bar = element("div", "hil-cell-bar");
-      bar.append(this.button, this.slider, this.clock, fast);
+      bar.append(this.button, this.slider);   // the slider is as wide as the plots below it
       this.place.append(bar);
+      this.place.querySelector(".hil-legend").append(this.clock, fast);
     }
 
     shape() {   // the meshes that do not change
@@ -191,10 +197,9 @@ var HilCell = (() => {
     }
 
     step(now) {
-      const {x} = this.tables.cycle, end = x[x.length - 1];
-      this.at = Math.min(this.at + (now - this.since) / 1000 * SPEEDS[this.speed], end);
+      this.at = Math.min(this.at + (now - this.since) / 1000 * SPEEDS[this.speed], this.until);
       this.since = now;
-      if (this.at >= end) this.pause(); else this.soon();
+      if (this.at >= this.until) this.pause(); else this.soon();
     }
 
     draw(now) {
@@ -335,9 +340,12 @@ var HilCell = (() => {
         this.soon();
       }
       const most = (this.inset.hidden || this.insetLeft ? this.stage.clientWidth : this.inset.offsetLeft) - this.tag.offsetWidth - 4;
-      if (text) this.tag.style.transform = `translate(${Math.round(Math.max(Math.min(place.x / this.ratio + 12, most), left))}px, ${Math.round(Math.max(place.y / this.ratio - 12, 4))}px)`;
+      if (text) {
+        const x = place.x / this.ratio, y = Math.round(Math.max(place.y / this.ratio - 12, 4));   // on the arrow's left where the right has no space
+        this.tag.style.transform = `translate(${Math.round(Math.max(x + 12 > most ? x - 10 - this.tag.offsetWidth : x + 12, left))}px, ${y}px)`;
+      }
       const keys = [["true", truth ? "true tool" : "reported tool"], ["arrow", truth ? "true total force" : "total force"]];
-      if (truth) keys.push(["ghost", this.isOld ? "no report of the tool" : `reported, ${(this.apart * 1e3).toFixed(2)} mm off`]);
+      if (truth) keys.push([this.isOld ? "ghost old" : "ghost", this.isOld ? "no report of the tool" : `reported, ${(this.apart * 1e3).toFixed(2)} mm off`]);
       keys.forEach(([name, words], k) => {
         const span = this.key.children[k] || this.key.appendChild(element("span"));
         if (span.textContent !== words) { span.textContent = words; span.className = name; }

@@ -407,6 +407,7 @@ var HilCharts = (() => {
       chart.rows = [...chart.plot.root.querySelectorAll(".u-series")];
       chart.rows.forEach((row, k) => {
         if (k === 0 || lines[k - 1].edge === "least") row.classList.add("hil-none");   // the toolbar shows x; a band is one entry
+        if (k && lines[k - 1].style === "points") row.classList.add("hil-dots");
         if (k && lines[k - 1].edge) row.parentNode.append(row);   // after the lines
       });
       this.dress(chart);

@@ -34,6 +34,7 @@ for (const place of document.querySelectorAll("[data-cell]")) {
     const charts = hilDrawn[place.dataset.marks];
     const cell = HilCell.draw(place, model, {moved: t => { if (charts) charts.here(t); }});
     cell.rows(rows, start);
+    if (charts) cell.bounds(...charts.extent("time"));
     cell.show(at);
     window.hilCell = cell;
   };

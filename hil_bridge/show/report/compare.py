@@ -1,7 +1,7 @@
 """Comparison of several runs: one page with overlaid charts, and tables of the differences."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.definition import UNKNOWN, difference
+from hil_bridge.record.analysis.definition import UNKNOWN, Good, decimals, difference
 from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
@@ -20,6 +20,7 @@ from hil_bridge.record.ending import Outcome
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.catalogue import CYCLE, catalogue
 from hil_bridge.show.charts.columns import Columns
+from hil_bridge.show.charts.end_panel import unbreakable
 from hil_bridge.show.charts.facts import facts_of_recording, start_time
 from hil_bridge.show.charts.run import run_marks
 from hil_bridge.show.charts.sources import Sources
@@ -96,17 +97,19 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     settings, only_some = _differing(ours)
     figures = [_figures_of(runs[name], summaries[name]) for name in runs]
     merits = [row.label for one in summaries.values() for row in merit_rows(one)]
+    caution = _caution([*ours], [*settings, *only_some])
+    merit = _figure_table(labels, summaries, figures, merits, best=not caution)
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{prose(_results(dict(zip(runs, figures, strict=True))))}
+<p class="point">{prose(_results(dict(zip(runs, figures, strict=True)), summaries))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
-{_caution([*ours], [*settings, *only_some])}
+{caution}
 <h2>Course</h2>
 {room("runs", charts, first=1)}{note(left_out)}
-<div class="pair"><section><h2>Figures of merit</h2>{_figure_table(labels, summaries, figures, merits)}</section>
+<div class="pair"><section><h2>Figures of merit</h2>{merit}</section>
 <section>{_settings(ours, settings, only_some)}</section></div>
 <h2>How they ended</h2>
 {_side_by_side(labels, _ends(runs, summaries), "sides")}
-{fold(f"<h2>Other figures</h2>{_figure_table(labels, summaries, figures, merits, others=True)}")}
+{fold(f"<h2>Other figures</h2>{_figure_table(labels, summaries, figures, merits)}")}
 {_bags(runs)}"""
     return document(f"compared: {', '.join(runs)}", body)
 
@@ -137,18 +140,24 @@ def _caution(names: Sequence[str], settings: Sequence[tuple[str, ...]]) -> str:
     return f'<p class="bar caution"><b>Different tasks:</b>{text}</p>'
 
 
-def _results(figures: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the most important figures of each run in one sentence; empty if there are too many runs."""
+def _results(figures: Mapping[str, Mapping[str, str]], summaries: Mapping[str, Summary]) -> str:
+    """Return the most important figures of each run in one sentence, with the controllers if they differ; empty if
+    there are too many runs.
+    """
     if len(figures) > _RESULTS_MOST:
         return ""
+    differ = len({one.controller for one in summaries.values()}) > 1
+    laws = {name: f" ({one.controller})" * bool(differ and one.controller) for name, one in summaries.items()}
     parts = []
     for label in _RESULTS:
         values = {
             name: texts[label] for name, texts in figures.items() if texts.get(label, UNKNOWN) != UNKNOWN
         }
         if values:
-            parts.append(f"{label} {', '.join(f'{text} in `{name}`' for name, text in values.items())}")
-    text = "; ".join(parts)
+            parts.append(
+                f"{label} {', '.join(f'{text} in `{name}`{laws[name]}' for name, text in values.items())}"
+            )
+    text = unbreakable("; ".join(parts))
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
@@ -319,14 +328,57 @@ def _figure_table(
     summaries: Mapping[str, Summary],
     figures: Sequence[Mapping[str, str]],
     merits: Sequence[str],
-    others: bool = False,
+    best: bool | None = None,
 ) -> str:
-    """Render each figure of merit or, with `others`, each other figure that a run has; of two runs, also the
-    difference.
+    """Render each figure of merit or, if `best` is None, each other figure that a run has; of two runs, also the
+    difference. If `best` is true, the best value of each line is bold.
     """
+    others = best is None
     changes = _changes(*summaries.values()) if len(summaries) == 2 else None
     last = "" if changes is None else " − ".join(reversed([*summaries]))
-    return _side_by_side(labels, _figure_lines(figures, merits, others, changes), "narrow values", last)
+    titles = (*labels, *[last] * (changes is not None))
+    marked = _best([*summaries.values()]) if best else {}
+    rows = _figure_lines(figures, merits, others, changes)
+    lines = ("".join(_figure_cells(titles, row, len(summaries), marked.get(row[0], ()))) for row in rows)
+    text = (
+        ""
+        if others
+        else "Bold is the best value."
+        if best
+        else "No value is marked as best: the tasks differ."
+    )
+    return _side_by_side(labels, lines, "narrow stacked", last) + note(text)
+
+
+def _figure_cells(
+    titles: Sequence[str], row: Sequence[str], runs: int, best: Collection[int]
+) -> Iterator[str]:
+    """Yield the cells of a line of figures. If all runs have the same value, the line is grey."""
+    label, *values = row
+    style = " quiet" * (len(set(values[:runs])) == 1)
+    yield f'<td class="text{style}">{escape(label)}</td>'
+    for place, (title, text) in enumerate(zip(titles, values, strict=True)):
+        mark = " best" * (place in best)
+        yield f'<td class="count{style}{mark}" data-title="{escape(title)}">{escape(text)}</td>'
+
+
+def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:
+    """Return by label the places of the best displayed value of each figure of merit that all runs have; none if all
+    are equally good.
+    """
+    places = {}
+    for figure in MERIT:
+        values = [run.figures.get(figure.key) for run in summaries]
+        known = [value for value in values if value is not None and math.isfinite(value)]
+        if figure.good is Good.NONE or len(known) < len(values):
+            continue
+        scaled = [value * figure.scale for value in known]
+        rounded = [round(value, decimals(value, figure.form)) for value in scaled]
+        if figure.good is Good.NEAR_ZERO:
+            rounded = [abs(value) for value in rounded]
+        if len(set(rounded)) > 1:
+            places[figure.words] = {place for place, value in enumerate(rounded) if value == min(rounded)}
+    return places
 
 
 def _changes(first: Summary, second: Summary) -> dict[str, str]:
@@ -347,13 +399,10 @@ def _figure_lines(
     merits: Sequence[str],
     others: bool,
     changes: Mapping[str, str] | None,
-) -> Iterator[str]:
-    """Yield a line for each figure. If all runs have the same value, the line is grey."""
+) -> Iterator[tuple[str, ...]]:
+    """Yield label, values and perhaps difference of each figure."""
     for label in dict.fromkeys(label for texts in figures for label in texts):
         values = [texts.get(label) or ABSENT for texts in figures]
         if (label in merits) is others or set(values) == {ABSENT}:
             continue
-        style = "quiet" if len(set(values)) == 1 else ""
-        if changes is not None:
-            values.append(changes.get(label, ""))
-        yield "".join(f'<td class="{style}">{escape(text)}</td>' for text in (label, *values))
+        yield label, *values, *([] if changes is None else [changes.get(label, "")])

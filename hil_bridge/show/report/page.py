@@ -7,6 +7,8 @@ from pathlib import Path
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.record.analysis.definition import UNKNOWN, concise
+from hil_bridge.record.analysis.figures import FIGURES
+from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import why_values
 from hil_bridge.record.device_facts import devices_of, is_beyond_run
@@ -15,7 +17,7 @@ from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.cell import cell_picture
-from hil_bridge.show.charts.end_panel import end_panel
+from hil_bridge.show.charts.end_panel import end_panel, unbreakable
 from hil_bridge.show.charts.events import label_phases
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.maps import maps_of
@@ -120,9 +122,9 @@ def _head(recording: Recording, summary: Summary) -> str:
     which = reality(recording)
     parts = [
         f'<header class="headline"><h1>{escape(run_title(recording))}</h1>',
-        badge(summary.outcome),
+        f'<span class="badges">{badge(summary.outcome)}',
         f'<span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
-        "</header>",
+        "</span></header>",
         _reason(recording, summary),
         criteria_paragraph(summary),
         "<p>The recording ends early; this page covers the recorded part.</p>"
@@ -136,7 +138,7 @@ def _reason(recording: Recording, summary: Summary) -> str:
     """Render why the run ended, what helps, and the details folded; of a completed run, one sentence."""
     reason, end = why_values(recording), end_of(recording)
     if end.outcome is Outcome.COMPLETED:
-        return f'<p class="point">{prose(reason.point)}</p>'
+        return f'<p class="point">{prose(_completed(recording, summary) or reason.point)}</p>'
     at = start_time(recording) + reason.after_s
     events = [event for event in recording.events if event.at <= at]
     when = f"{end.outcome} after {reason.after_s:.1f} s{f' in {reason.phase}' if reason.phase else ''}"
@@ -152,6 +154,23 @@ def _reason(recording: Recording, summary: Summary) -> str:
 <div class="why">{lines}</div><div class="next">{buttons}</div>
 </section>
 {detail}"""
+
+
+def _completed(recording: Recording, summary: Summary) -> str:
+    """Return in one sentence how well a completed run held the force; empty if it did not track one."""
+    end, figures = end_of(recording), {row.label: row.value for row in merit_rows(summary)}
+    error, overshoot = (
+        figures.get(FIGURES[key].words, UNKNOWN) for key in ("rms_error_n", "overshoot_percent")
+    )
+    if error == UNKNOWN:
+        return ""
+    seconds = sum(summary.phases_s.values())
+    targets = {cycle.force_reference for cycle in recording.cycles if cycle.phase == TRACK}
+    force = f"{next(iter(targets)):g} N" if len(targets) == 1 else "the target force"
+    also = f" and {overshoot} overshoot" if overshoot != UNKNOWN else ""
+    why = f", ended by its task ({end.text})" if end.text else ""
+    text = f"Completed in {seconds:.1f} s{why}: held {force} with {error} RMS error{also}"
+    return unbreakable(f"{text}{end.left and f'; {end.left}'}.")
 
 
 def _response(summary: Summary) -> str:

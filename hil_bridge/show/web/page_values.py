@@ -103,6 +103,7 @@ def event_values(event: EventRecord, began: float) -> dict[str, Any]:
         "kind": event.kind,
         "text": line_of(event)[:TEXT_LENGTH],
         "weight": weight_of(event),
+        "cause": "" if event.cause is None else str(event.cause),
     }
 
 

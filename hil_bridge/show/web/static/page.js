@@ -130,15 +130,29 @@
       const item = made("li", "", row.weight), text = made("span");
       text.append(made("b", row.kind), ` ${row.text}`);
       item.append(made("time", `${row.at.toFixed(1)} s`), text);
-      Object.assign(item.dataset, {kind: row.kind, text: row.text});
+      Object.assign(item.dataset, {kind: row.kind, text: row.text, cause: row.cause});
       place.prepend(item);
     }
     for (const item of place.children) {
       const {kind, text} = item.dataset;
-      if (kind === "stop" || said.some(one => text.startsWith(one))) set(item.lastChild, `${kind}: see above`);
+      if (kind === "stop" || said.some(one => text.startsWith(one))) set(item.lastChild, `${kind}: ${[item.dataset.cause, "see above"].filter(Boolean).join(", ")}`);
     }
     while (place.children.length > EVENTS) place.lastChild.remove();
+    const retraction = charts.spec.spans.filter(one => one.kind === "retract").at(-1);   // its label tells a failed one
+    const begun = retraction && [...place.children].find(one => one.dataset.kind === "phase" && one.dataset.text === "retract");
+    if (begun) set(begun.lastChild.lastChild, ` ${retraction.text}`);
+    clip();
   }
+
+  function clip() {   // the list displays complete rows, and counts those below
+    const place = $("list"), end = place.scrollTop + place.clientHeight, ends = [...place.children].map(one => one.offsetTop - place.offsetTop + one.offsetHeight);
+    const whole = ends.filter(one => one <= end + 1), more = ends.length - whole.length;
+    place.style.clipPath = more ? `inset(0 0 ${Math.max(0, end - Math.max(0, ...whole))}px 0)` : "";
+    $("below").hidden = !more && place.scrollHeight <= place.clientHeight;
+    set($("below"), more ? `${more} more` : "");
+  }
+  $("list").addEventListener("scroll", clip);
+  new ResizeObserver(clip).observe($("list"));
 
   function ended(how) {   // what happened, and what comes next
     const outcome = $("outcome"), lines = how.lines.map(([text, style]) => made("p", text, style));
