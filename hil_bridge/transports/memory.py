@@ -127,7 +127,7 @@ class _MemoryEnd:
         arrivals = self.peer._delivery
         if self._queue.weight + arrivals.waiting + len(data) > QUEUE_BYTES:
             raise TransportError(
-                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full", remedy="the peer does not read"
+                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"
             )
         if self._at_once:
             arrivals.data(bytes(data))

@@ -79,7 +79,7 @@ class FileWire:
             return
         if len(self._queue) + len(data) > QUEUE_BYTES:
             raise TransportError(
-                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full", remedy="the peer does not read"
+                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"
             )
         if self._queue:
             self._queue += data

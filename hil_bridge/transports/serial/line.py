@@ -117,9 +117,7 @@ class PacedLine(Around[bytes]):
         if self._end_cause is not None:
             raise type(self._end_cause)(*self._end_cause.args) from self._end_cause
         if not self._out.push(data):
-            raise TransportError(
-                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full", remedy="the line is slower"
-            )
+            raise TransportError(f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the line is slower")
 
     def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
         """Hold one direction of the line low for a time, s, beginning now.
