@@ -91,7 +91,7 @@ class SendQueue:
                 raise ValueError("an error report is not a frame that a node can send")
         if len(self.frames) + len(frames) > QUEUE_FRAMES:
             raise TransportError(
-                f"{self._name}: the send queue of {QUEUE_FRAMES} frames is full; the bus is slower"
+                f"{self._name}: the send queue is full, {QUEUE_FRAMES} frames; the bus is slower"
             )
         self.frames.extend([(now, frame) for frame in frames])
 
