@@ -262,6 +262,17 @@ def test_third_party_results_file_is_refused(
         CliRunner().invoke(campaign, ["report", str(other)], catch_exceptions=False)
 
 
+def test_results_file_without_cases_is_refused(results: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.sqlite"
+    other.write_bytes(results.read_bytes())
+    with sqlite3.connect(other) as connection:
+        connection.execute("DELETE FROM cases")
+        connection.execute("DELETE FROM runs")
+    connection.close()
+    with pytest.raises(ConfigError, match=r"^cannot read .*other\.sqlite: no cases"):
+        CliRunner().invoke(campaign, ["report", str(other)], catch_exceptions=False)
+
+
 def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:
     output = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--output", str(tmp_path)])
     assert output.exit_code == 0, output.output

@@ -264,6 +264,8 @@ class Store:
         query = "SELECT cell, head, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
         with self._readable():
             cases = tuple(_as(Case, row) for row in self._connection.execute(query))
+            if not cases:
+                raise ValueError("no cases")
             for text in {case.config for case in cases}:
                 msgspec.json.decode(text, type=_Cell)
             for text in {case.table for case in cases}:
