@@ -221,7 +221,22 @@ def test_point_without_force_criterion_has_bound(results: Path) -> None:
         plan, (run, *_) = replace(store.plan(), criteria=()), store.runs("passed")
     figures = {**run.figures, "force_true_max_n": 64.0, "force_beyond_n": -368.0}
     text = point(plan, [replace(run, figures=figures)], 1)
-    assert text == "1 run: 1 completed; every one met every criterion; largest true force 64 N (bound 432 N)."
+    assert (
+        text
+        == "1 run: 1 completed; every one met every criterion; largest true force 64 N (bound with its faults: 432 N)."
+    )
+
+
+def test_distribution_leaves_extreme_values_outside_axis(results: Path) -> None:
+    with Store.open(results) as store:
+        plan, (run, *_) = store.plan(), store.runs()
+    values = [*map(float, range(200)), -7e14, 1e4]
+    runs = [replace(run, figures={"duration_s": value}) for value in values]
+    drawn = distributions(plan, runs)
+    assert re.findall(r'<text x="\d+" y="\d+"[^>]*>([^<]*)<', drawn) == ["1", "198"]
+    assert "202 runs" in drawn
+    assert "least −7.00e+14, largest 10000; 4 outside the axis" in drawn
+    assert "outside" not in distributions(plan, runs[:200])
 
 
 def test_distribution_marks_dots_that_miss_a_criterion(results: Path) -> None:

@@ -167,7 +167,8 @@ def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, t
     left = changed(before, tmp_path / "left.sqlite", first)
     right = changed(tmp_path / "made.sqlite", tmp_path / "one.sqlite", first)
     result = trend(left, with_primary(right, tmp_path / "right.sqlite", "cycles", "force_true_max_n"))
-    verdict = "`right` is better in 0 and worse in 1 of 2 primary figures (1 has no preferred direction or is equal)"
+    verdict = "`right` is better in 0 and worse in 1 of 2 primary figures"
+    verdict += " (1 has no preferred direction or equal values)"
     assert point(result).startswith(f"Passed runs: 2/2 → 2/2. {verdict}, not tested; from 5 seeds on")
     text, lines = trend_page(result), "\n".join(trend_lines(result))
     assert "<h2>Primary figures, single runs</h2>" in text
@@ -211,7 +212,7 @@ def test_trend_without_significance_counts_medians(short_results: Path, before: 
     result = trend(before, with_primary(after, tmp_path / "after.sqlite", "cycles", "force_true_max_n"))
     assert point(result).startswith(
         "Passed runs: 24/24 → 24/24. `after` is better in 0 and worse in 1 of 2 primary figures (1 has no preferred "
-        "direction or is equal), by their medians; none of them significantly."
+        "direction or equal values), by their medians; none of them significantly."
     )
 
 

@@ -176,3 +176,19 @@ def test_compare_names_are_short_and_unique() -> None:
         names_of([Path("a.mcap"), Path("a.mcap")])
     with pytest.raises(ConfigError, match="takes 2 to 8 recordings, not 1"):
         compare_page({"a": run(9.0, 1, {})})
+
+
+@pytest.mark.parametrize(
+    ("figure", "better", "worse"),
+    [
+        ("rms_error_n", 0.5, 0.6),
+        ("steady_mean_error_n", -0.1, 0.2),
+        ("sine_gain", 1.1, 0.8),
+        ("settle_s", 3.0, math.inf),
+    ],
+)
+def test_figure_costs_more_if_worse(figure: str, better: float, worse: float) -> None:
+    costs = [FIGURES[figure].cost(value) for value in (better, worse)]
+    assert None not in costs
+    assert costs[0] < costs[1]  # type: ignore[operator]
+    assert FIGURES["force_mean_steady_n"].cost(1.0) is None

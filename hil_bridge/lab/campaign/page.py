@@ -249,7 +249,7 @@ def _largest_force(plan: Plan, runs: Sequence[Done]) -> str:
     beyond = hardest.figures.get("force_beyond_n")
     if not isinstance(beyond, float) or not math.isfinite(beyond):
         return text
-    return f"{text} (bound {value_text('force_bound_n', true_force(hardest) - beyond)})"
+    return f"{text} (bound with its faults: {value_text('force_bound_n', true_force(hardest) - beyond)})"
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:

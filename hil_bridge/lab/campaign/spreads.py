@@ -15,7 +15,7 @@ from hil_bridge.show.pages.svg import number
 from hil_bridge.show.report.markup import fold
 
 _COUNT_MOST = 1e6
-"""Value below which an integer is displayed with all its digits. Chosen."""
+"""Magnitude from which on a value is displayed with an exponent. Chosen."""
 BINS_FEWEST, BINS_MOST = 5, 40
 """Least and greatest number of bars of a histogram; between them, it is twice the square root of the number of runs.
 Chosen.
@@ -74,18 +74,33 @@ def _distribution(
     if not finite:
         return f"<figure><figcaption>{title}<br>{_runs(endless)}: {one.infinite}</figcaption></figure>"
     low, high = finite[0], finite[-1]
+    drawn = _drawn(finite)
     median, late = statistics.median(finite), finite[math.ceil(0.99 * len(finite)) - 1]
     counts = _runs(len(finite)) + (f", and {endless} {one.infinite}" if endless else "")
-    picture = _Picture(key, finite, bounds, bad)
+    picture = _Picture(key, drawn, bounds, bad)
     allowed = "".join(f"; required: {_bound_text(word, bounds[word])}" for word in picture.far)
     named = [("median", median)] if len(finite) < FEW else [("median", median), ("99 % ≤", late)]
-    if any(not low <= bound <= high for bound in bounds.values()):  # otherwise they are the ends of the axis
+    outside = len(drawn) < len(finite) or any(not low <= bound <= high for bound in bounds.values())
+    if outside:  # otherwise they are the ends of the axis
         named += [("least", low), ("largest", high)]
-    numbers = ", ".join(f"{name} {_number(value, bounds.values())}" for name, value in named) + allowed
+    beyond = f"; {len(finite) - len(drawn)} outside the axis" * (len(drawn) < len(finite))
+    numbers = (
+        ", ".join(f"{name} {_number(value, bounds.values())}" for name, value in named) + beyond + allowed
+    )
     return (
         f"<figure><figcaption>{title}</figcaption>{picture.draw()}"
         f"<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
+
+
+def _drawn(values: Sequence[float]) -> Sequence[float]:
+    """Return the sorted values without the outermost hundredth at an end where it would take half of the axis."""
+    cut = len(values) // 100
+    first, last = values[cut], values[-1 - cut]
+    span = last - first
+    start = cut if first - values[0] > span > 0.0 else 0
+    end = len(values) - cut if values[-1] - last > span > 0.0 else len(values)
+    return values[start:end]
 
 
 def _runs(count: int) -> str:
@@ -95,11 +110,9 @@ def _runs(count: int) -> str:
 def _number(value: float, bounds: Iterable[float] = ()) -> str:
     """Format a value with three significant digits; a count, exactly."""
     value = 0.0 if abs(value) < _NOTHING else value
-    return (
-        number(value, 6)
-        if value == round(value) and abs(value) < _COUNT_MOST
-        else three_digits(value, bounds)
-    )
+    if abs(value) >= _COUNT_MOST:
+        return f"{value:.2e}".replace("-", "−")
+    return number(value, 6) if value == round(value) else three_digits(value, bounds)
 
 
 def _bound_text(word: str, bound: float) -> str:

@@ -156,8 +156,8 @@ def _verdict(trend: Trend) -> str:
     directions = Counter(row.direction for row in listed)
     better = f"{last} is {_counts(directions, len(listed))} {kind}"
     if rest := directions[Change.NONE] + directions[Change.OTHER]:
-        have, are = ("has", "is") if rest == 1 else ("have", "are")
-        better += f" ({rest} {have} no preferred direction or {are} equal)"
+        equal = " or equal values" * bool(trend.primary)
+        better += f" ({rest} {'has' if rest == 1 else 'have'} no preferred direction{equal})"
     if trend.tested:
         return f"{better}, by their medians; none of them significantly."
     return f"{better}, not tested; from {trend.runs_needed} seeds on, a difference can be significant."

@@ -28,7 +28,6 @@ from hil_bridge.lab.campaign.digest import (
 )
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, median_interval, rank_sum
-from hil_bridge.record.analysis.definition import Good
 from hil_bridge.record.analysis.figures import FIGURES
 
 RESULTS_MOST = 50
@@ -116,12 +115,10 @@ class FigureChange(Struct, frozen=True):
         """Return a number that is the smaller, the better the median of these results is; None if no run has the
         figure, or if it has no preferred direction.
         """
-        good, median = FIGURES[self.figure].good, self.medians[place]
-        if good is Good.NONE or not self.runs[place]:
+        if not self.runs[place]:
             return None
-        if median is None:  # a time that never ended
-            return math.inf
-        return abs(median) if good is Good.NEAR_ZERO else median
+        median = self.medians[place]
+        return FIGURES[self.figure].cost(math.inf if median is None else median)  # a time that never ended
 
 
 _Row = TypeVar("_Row", CellChange, FigureChange)

@@ -13,6 +13,7 @@ class Good(StrEnum):
 
     LESS = "less"
     NEAR_ZERO = "near 0"
+    NEAR_ONE = "near 1"
     NONE = ""
     """The figure has no preferred direction, or is text."""
 
@@ -53,6 +54,17 @@ class Definition:
     """Description of how the figure is computed for a program with several strokes, if different."""
     scale: float = 1.0
     """Factor from the value in a summary to the displayed unit."""
+
+    def cost(self, value: float) -> float | None:
+        """Return a number that is the smaller, the better the value is; None without a preferred direction."""
+        match self.good:
+            case Good.LESS:
+                return value
+            case Good.NEAR_ZERO:
+                return abs(value)
+            case Good.NEAR_ONE:
+                return abs(value - 1.0)
+        return None
 
     @property
     def title(self) -> str:

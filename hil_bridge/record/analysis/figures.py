@@ -286,7 +286,7 @@ _TABLE = (
         "",
         "amplitude of the force, of that of a sine of the target; the first period is left out",
         _RESPONSE,
-        Good.NONE,
+        Good.NEAR_ONE,
         ".3f",
     ),
     Definition(

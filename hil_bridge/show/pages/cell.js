@@ -289,7 +289,7 @@ var HilCell = (() => {
 
     domain(values) {
       const sizes = values.map(Math.abs).sort((a, b) => a - b), high = sizes.length ? sizes[Math.floor(0.98 * (sizes.length - 1))] : 1;
-      const power = 10 ** Math.floor(Math.log10(high || 1)), most = [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10].map(k => k * power).find(one => one >= high * 0.999) || 1;
+      const power = 10 ** Math.floor(Math.log10(high || 1)), most = [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10].map(k => k * power).find(one => one >= high * 1.05) || 12 * power;   // room above the usual value
       return this.now === "deviation" ? [-most, most] : [0, most];
     }
 

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.definition import UNKNOWN, Good, decimals, difference
+from hil_bridge.record.analysis.definition import UNKNOWN, difference, rounded
 from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
@@ -100,7 +100,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     caution = _caution([*ours], [*settings, *only_some])
     merit = _figure_table(labels, summaries, figures, merits, best=not caution)
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{prose(_results(dict(zip(runs, figures, strict=True)), summaries))}
+<p class="point">{"" if caution else prose(_results(dict(zip(runs, figures, strict=True)), summaries))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
 {caution}
 <h2>Course</h2>
@@ -370,14 +370,9 @@ def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:
     for figure in MERIT:
         values = [run.figures.get(figure.key) for run in summaries]
         known = [value for value in values if value is not None and math.isfinite(value)]
-        if figure.good is Good.NONE or len(known) < len(values):
-            continue
-        scaled = [value * figure.scale for value in known]
-        rounded = [round(value, decimals(value, figure.form)) for value in scaled]
-        if figure.good is Good.NEAR_ZERO:
-            rounded = [abs(value) for value in rounded]
-        if len(set(rounded)) > 1:
-            places[figure.words] = {place for place, value in enumerate(rounded) if value == min(rounded)}
+        costs = [cost for value in known if (cost := figure.cost(rounded(value, figure))) is not None]
+        if len(costs) == len(values) and len(set(costs)) > 1:
+            places[figure.words] = {place for place, cost in enumerate(costs) if cost == min(costs)}
     return places
 
 

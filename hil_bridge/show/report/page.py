@@ -159,17 +159,18 @@ def _reason(recording: Recording, summary: Summary) -> str:
 def _completed(recording: Recording, summary: Summary) -> str:
     """Return in one sentence how well a completed run held the force; empty if it did not track one."""
     end, figures = end_of(recording), {row.label: row.value for row in merit_rows(summary)}
-    error, overshoot = (
-        figures.get(FIGURES[key].words, UNKNOWN) for key in ("rms_error_n", "overshoot_percent")
+    error, spread, overshoot = (
+        figures.get(FIGURES[key].words, UNKNOWN)
+        for key in ("steady_mean_error_n", "steady_peak_to_peak_n", "overshoot_percent")
     )
     if error == UNKNOWN:
         return ""
     seconds = sum(summary.phases_s.values())
     targets = {cycle.force_reference for cycle in recording.cycles if cycle.phase == TRACK}
     force = f"{next(iter(targets)):g} N" if len(targets) == 1 else "the target force"
-    also = f" and {overshoot} overshoot" if overshoot != UNKNOWN else ""
+    also = f", overshoot {overshoot}" if overshoot != UNKNOWN else ""
     why = f", ended by its task ({end.text})" if end.text else ""
-    text = f"Completed in {seconds:.1f} s{why}: held {force} with {error} RMS error{also}"
+    text = f"Completed in {seconds:.1f} s{why}: held {force} with a mean error of {error}, {spread} peak to peak{also}"
     return unbreakable(f"{text}{end.left and f'; {end.left}'}.")
 
 
