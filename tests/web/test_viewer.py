@@ -107,7 +107,7 @@ async def test_report_band_is_one_legend_entry(page: Page, recordings: Recording
     await page.until("document.querySelectorAll('.uplot canvas').length > 0")
     legend = """[...document.querySelector('[data-chart=force]').querySelectorAll('.u-series')]
       .filter(one => one.offsetParent).map(one => one.querySelector('.u-label').textContent)"""
-    assert await page.value(legend) == ["target", "true force", "measured force", "full stream"]
+    assert await page.value(legend) == ["true force", "measured force", "target", "full stream"]
     output = "document.querySelector('[data-chart=force] .u-series:last-child').classList.contains('u-off')"
     edge = "document.querySelectorAll('[data-chart=force] .u-series')[{}].classList.contains('u-off')"
     count = await page.value("document.querySelectorAll('[data-chart=force] .u-series').length")
