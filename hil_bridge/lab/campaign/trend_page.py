@@ -59,6 +59,8 @@ def headline(trend: Trend) -> str:
 
 def _outcome(trend: Trend) -> str:
     worse, better = trend.significant
+    if worse and better and trend.overall.change:
+        return f"{worse} significantly worse, {better} better, passed runs {trend.overall.change}"
     if worse or better:
         return f"{worse} significantly worse, {better} better"
     if trend.overall.change:
@@ -90,7 +92,8 @@ def trend_lines(trend: Trend) -> Iterator[str]:
 def trend_page(trend: Trend) -> str:
     """Render the comparison as a self-contained page."""
     names = [one.name for one in trend.results]
-    style = "bad" if trend.worse else "good" if Change.BETTER in trend.changes else "plain"
+    better = Change.BETTER in trend.changes
+    style = "warn" if trend.worse and better else "bad" if trend.worse else "good" if better else "plain"
     facts = list(dict.fromkeys(name for one in trend.results for name in one.facts))
     sides = [
         ("passed, failed, errors", *(one.tally.text for one in trend.results)),
@@ -312,7 +315,7 @@ def _test_texts(row: CellChange | FigureChange) -> tuple[str, ...]:
 def _probability(value: float | None) -> str:
     if value is None:
         return UNKNOWN
-    return f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
+    return f"{value:.3f}" if value >= 0.001 else "< 0.001"
 
 
 def _significance(row: CellChange | FigureChange) -> tuple[float, float, float]:
