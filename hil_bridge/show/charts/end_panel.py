@@ -78,7 +78,7 @@ def _lines(end: RunEnd, faults: Sequence[str], when: str, lift: bool) -> Iterato
     tool = (
         f"The tool was {left}{' measured' * bool(known)}{'; `hil-bridge free` lifts it off' * lift}"
         if left
-        else "The tool has not moved"
+        else "No position of the tool was recorded"
     )
     tool = "It is unknown where the tool is" if end.cause is Cause.CUT else tool
     yield EndLine(f"{tool}.", "alarm" if end.retracted is False else "" if facts else "lead")
