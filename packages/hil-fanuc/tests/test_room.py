@@ -50,6 +50,7 @@ def test_client_that_keeps_the_rules_passes(hil_conform: Callable[..., Any]) -> 
     hil_conform("fanuc", CLIENT, start_s=30.0)
 
 
+@pytest.mark.flaky(reruns=2)
 def test_client_with_data_style_0_is_named(hil_conform: Callable[..., Any]) -> None:
     """The incident: joints that the controller reads as a pose."""
     with pytest.raises(pytest.fail.Exception) as failed:
@@ -61,6 +62,7 @@ def test_client_with_data_style_0_is_named(hil_conform: Callable[..., Any]) -> N
     )
 
 
+@pytest.mark.flaky(reruns=2)
 def test_client_that_ignores_a_stop_fails(hil_conform: Callable[..., Any]) -> None:
     with pytest.raises(pytest.fail.Exception, match="motion orders after the stop"):
         hil_conform("fanuc", [*CLIENT, "deaf"], "stopped", start_s=30.0)
