@@ -158,7 +158,7 @@ def test_drawn_runs_are_repeated_by_key(tmp_path: Path) -> None:
         text = page(store)
     assert len(runs) == 6
     assert "Faults by phase" in text
-    assert "Not injected yet" in text
+    assert "? no run had it." in text
     assert all("force_bound_n" in done.figures or done.outcome == "refused" for done in runs)
     ended = CliRunner().invoke(campaign, ["rerun", str(path), runs[3].key, "--output", str(tmp_path)])
     assert ended.exit_code == 0, ended.output

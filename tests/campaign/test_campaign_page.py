@@ -43,7 +43,7 @@ def test_live_page_equals_saved_page(results: Path, tmp_path: Path, monkeypatch:
         first = in_browser.first()
         updates = in_browser.updates(first)
         assert updates is not None
-        assert f"<body>\n{updates['body']}\n</body>" in page(store)
+        assert f"<body>\n{updates['body']}\n<script>" in page(store)
         assert (updates["title"], updates["trouble"]) == ("Campaign study", "")
         assert [in_browser.updates(first) for _ in range(25)] == [None] * 25  # nothing is said twice
         changed_by_another(other, "DELETE FROM runs WHERE passed")
@@ -102,9 +102,9 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     headings = (
         "Each case of the matrix",
         "The worst run",
-        "3 more that failed",
         "Criteria",
-        "Never exercised",
+        "3 more that failed",
+        "Not exercised",
     )
     assert sorted(headings, key=text.index) == [*headings]
     assert f'<td class="value">{gethostname()}</td>' in text
@@ -115,24 +115,31 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
         titled = (("text", "figure", "largest true force"), ("text", "cell", cell), ("count", "runs", "2"))
         row = (f'<td class="{style}" data-title="{title}">{value}</td>' for style, title, value in titled)
         assert "".join(row) in text
-    assert '<td class="pass" data-title="task.force_n 8.0">2/2</td>' in text
-    assert '<td class="fail" data-title="task.force_n 8.0">0/2</td>' in text
+    assert '<th class="over" colspan="2">task.force_n</th>' in text
+    fields = re.findall(
+        r'<td class="(\w+) l(\d)" data-title="8.0"><b>(\d/\d)</b><small>(.*?) N</small>', text
+    )
+    assert [(style, count) for style, _, count, _ in fields] == [("pass", "2/2"), ("fail", "0/2")]
+    least = {"pass": 0, "fail": 2}
+    shades = [max(math.ceil(float(force) / 60.0 * 5.0), least[style]) for style, _, _, force in fields]
+    assert [int(level) for _, level, _, _ in fields] == shades, "60 N is the bound"
+    assert re.findall(r'<rect class="(\w+ \w+)"', text) == ["passed completed", "failed stopped"]
     assert text.count("<article>") == 4
     assert "The run was stopped" in text
     assert "Check: " in text  # the paragraph of `why`
     assert "and the plan does not inject: robot: safeguard-stop" in text
-    assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
-    assert "this criterion applied to no run" in text
+    copied = f"<code>hil-bridge campaign rerun study.sqlite {worst}</code><button"
+    assert copied in text
     assert (
         "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text
     )  # met, not met, of not applicable
+    assert "<td>overshoot below 1000 % in interrupted runs</td><td>0</td><td>0</td><td>8</td>" in text
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)]).exit_code == 0
     linked = _Tags()
     linked.feed(out.read_text())
-    assert linked.links[0] == "#worst-cell"
-    assert len(linked.links) == 5
-    assert all((tmp_path / link).is_file() for link in linked.links[1:])  # relative to the page
+    assert len(linked.links) == 4
+    assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
     with pytest.raises(ConfigError, match="already exists"):
         CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)], catch_exceptions=False)
 
@@ -159,13 +166,12 @@ def test_matrix_of_one_fault_has_an_axis_as_columns(tmp_path: Path) -> None:
     text = re.sub(r"task.force_n = .*?(?=\[campaign.criteria)", TWO_AXES, STUDY, flags=re.DOTALL)
     plan = read_plan(study(tmp_path, 1, text))
     marked = matrix(plan, ())
-    columns = [f"task.force_n {force}" for force in (8.0, 9.0, 10.0)]
-    assert re.findall(r"<tr><th>(.*?)</th>", marked) == ["", "robot s3", "robot egm"]
-    assert re.findall(r'data-title="(.*?)">\?<', marked) == columns * 2
+    assert re.findall(r'<th class="over" colspan="3">(.*?)</th>', marked) == ["task.force_n"]
+    assert re.findall(r'<tr><th data-title="robot">(.*?)</th>', marked) == ["s3", "egm"]
+    assert re.findall(r'data-title="([^"]*)"><b>\?<', marked) == ["8.0", "9.0", "10.0"] * 2
     with Store.begin(tmp_path / "a.sqlite", plan) as store:
         assert store.plan().axes == plan.axes
-    older = replace(plan, axes=())
-    assert "robot s3, task.force_n 9.0" in matrix(older, ())
+    assert matrix(replace(plan, axes=()), ()) == marked, "results of earlier versions have no axes"
 
 
 @pytest.mark.parametrize(("times", "dots"), [(1, 8), (3, 0)])
@@ -177,7 +183,7 @@ def test_distribution_has_dots_for_few_runs(results: Path, times: int, dots: int
     force = first.partition("</figure>")[0]
     assert "force_true_max_n" in force
     assert (force.count("<circle"), "<rect" in force) == (dots, dots == 0)
-    assert ("rms_error_n" in folded, "rms_error_n" in first) == (dots > 0, dots == 0)
+    assert dots == 0 or "rms_error_n" in folded
 
 
 def test_page_draws_worst_run_from_its_recording(results: Path, tmp_path: Path) -> None:
@@ -207,9 +213,9 @@ def test_page_repeats_hardest_run_without_recording(results: Path, tmp_path: Pat
     for path in (passed, altered, slow):
         with Store.open(path) as store:
             texts.append(page(store, tmp_path / "page.html"))
-    ended = "4 of 8 runs: 4 completed; every one met every criterion; largest true force"
+    ended = "Every run so far met every criterion; largest true force"
     assert re.search(rf"{ended} \S+ N \(required: below 60 N\)\.", texts[0])
-    assert "See the run with the largest force in three dimensions." in texts[0]
+    assert "Show this run in three dimensions" in texts[0]
     assert "The run was repeated for this picture; all figures are the same." in texts[0]
     assert "The run was repeated for this picture; figures that differ from the results: 1." in texts[1]
     assert "data-cell=" not in texts[2], "a run of 99 s is not repeated for a picture"
@@ -221,10 +227,21 @@ def test_point_without_force_criterion_has_bound(results: Path) -> None:
         plan, (run, *_) = replace(store.plan(), criteria=()), store.runs("passed")
     figures = {**run.figures, "force_true_max_n": 64.0, "force_beyond_n": -368.0}
     text = point(plan, [replace(run, figures=figures)], 1)
-    assert (
-        text
-        == "1 run: 1 completed; every one met every criterion; largest true force 64 N (bound with its faults: 432 N)."
-    )
+    assert text == "Every run met every criterion; largest true force 64 N (bound with its faults: 432 N)."
+
+
+def test_distributions_begin_with_most_information(results: Path) -> None:
+    """Of two figures in 100 runs, one is 0 in all runs but one; the heights of its bars are logarithmic."""
+    with Store.open(results) as store:
+        plan, (run, *_) = replace(store.plan(), criteria=()), store.runs()
+    runs = [
+        replace(run, figures={"cycles": float(k == 7), "overshoot_percent": float(k)}) for k in range(100)
+    ]
+    first, second = distributions(plan, runs).split("</figure>")[:2]
+    assert ("overshoot_percent" in first, "cycles" in second) == (True, True)
+    assert (first.count('class="grid"'), second.count('class="grid"')) == (0, 1)
+    heights = [float(height) for height in re.findall(r'<rect .*?height="(.*?)"', second)]
+    assert heights[1] / heights[0] == pytest.approx(math.log(2) / math.log(100), abs=0.01)
 
 
 def test_distribution_leaves_extreme_values_outside_axis(results: Path) -> None:
@@ -314,6 +331,6 @@ def test_page_before_first_run_lists_all_cells(tmp_path: Path) -> None:
     text = STUDY.replace("emergency-stop", "late-answer")
     plan = read_plan(study(tmp_path, 1, text))
     with Store.begin(tmp_path / "a.sqlite", plan) as store:
-        assert page(store).count(">no run yet</td>") == 4
+        assert page(store).count("<b>?</b></td>") == 4
         work(plan, store, missing(plan, store)[:1], workers=1)
-        assert page(store).count(">no run yet</td>") == 3
+        assert page(store).count("<b>?</b></td>") == 3

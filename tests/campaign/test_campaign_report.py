@@ -66,9 +66,11 @@ def test_unmet_criterion_shows_value_and_bounds(
     ("figure", "allowed", "title"),
     [
         ("rms_error_n", {"below": 1.5}, "RMS error below 1.5 N"),
-        ("contact_losses", 0, "contact losses 0"),
+        ("contact_losses", 0, "no contact losses"),
+        ("retracted", {"is": True, "outcomes": ["completed"]}, "retracted in completed runs"),
+        ("retracted", False, "not retracted"),
         ("largest_force_n", 8, "largest force 8 N"),
-        ("outcome", ["completed", "stopped"], "outcome completed or stopped"),
+        ("outcome", ["completed", "stopped", "refused"], "outcome completed, stopped or refused"),
     ],
 )
 def test_criterion_title_has_words_and_unit(figure: str, allowed: object, title: str) -> None:

@@ -17,6 +17,7 @@ from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.trend_page import point, trend_charts, trend_lines, trend_page
 from hil_bridge.lab.campaign.trends import Change, Trend, trend_of
 from hil_bridge.lab.significance import fisher_exact, holm, rank_sum
+from hil_bridge.show.pages.svg import interval_plot
 from tests.campaign.study import changed
 
 SEEDS = 12
@@ -110,13 +111,26 @@ def test_trend_cell_with_fewer_passed_runs_is_worse(
 def test_trend_lists_setting_changes_first(before: Path, tmp_path: Path) -> None:
     """A changed setting may explain a change of the results."""
     longer = "UPDATE cases SET config = json_set(config, '$.run.duration_s', 0.4)"
+    more = longer.replace("0.4)", "0.4, '$.task.retract_mm', 3.0, '$.cell.tool.mass_kg', 0.2)")
     result = trend(before, changed(before, tmp_path / "after.sqlite", longer))
     lines = list(trend_lines(result))
     assert lines[2] == "setting run.duration_s: 0.3 → 0.4"
     assert lines[3].startswith("before → after: ")
-    assert "<h2>Settings that differ</h2>" in trend_page(result)
+    assert "<code>run.duration_s</code> is 0.3 in" in trend_page(result)
+    several = trend(before, changed(before, tmp_path / "several.sqlite", more))
+    assert "<h2>Settings that differ</h2>" in trend_page(several)
     same = changed(before, tmp_path / "same.sqlite")
     assert "Settings that differ" not in trend_page(trend(before, same))
+
+
+def test_interval_plot_includes_zero_and_best_value() -> None:
+    plot = interval_plot((10.0, 20.0, 30.0), (0.0, 0.0, 5.0), 0.0, "good")
+    (best,) = re.findall(r'class="best" d="M(\S+)', plot)
+    first, last = (float(x) for x in re.findall(r'<circle cx="(\S+)"', plot))
+    assert float(best) == last
+    ends = [float(x) for x in re.findall(r'd="M(\S+) 5H(\S+)"', plot)[0]]
+    assert first - last == pytest.approx(2.0 * (ends[1] - first), abs=0.2)
+    assert "<circle" not in interval_plot(None, None, None, "")
 
 
 def test_few_failures_are_not_significant(short_results: Path, before: Path, tmp_path: Path) -> None:
@@ -174,7 +188,7 @@ def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, t
     assert "<h2>Primary figures, single runs</h2>" in text
     assert "<h2>Largest differences, not tested</h2>" in text
     assert "adjusted p" not in text + lines
-    assert '<td class="count best" data-title="left">8.00 N</td>' in text
+    assert '<td class="count best" data-title="○ left">8.00 N</td>' in text
     assert '<td class="count" data-title="difference">+2.00 N</td>' in text
     assert re.search(r"the force_true_max_n +task.force_n 8.0 +8.00 N \* +10.0 N +\+2.00 N\n", lines)
 
@@ -203,7 +217,10 @@ def test_trend_endless_time_is_never(before: Path, tmp_path: Path) -> None:
     row = trend(left, changed(before, tmp_path / "right.sqlite", sql.format("9e999"))).figures[0]
     assert (row.medians, row.change) == ((0.5, None), Change.WORSE)
     assert row.best == {0}
-    lines = "\n".join(trend_lines(trend(left, tmp_path / "right.sqlite")))
+    result = trend(left, tmp_path / "right.sqlite")
+    lines = "\n".join(trend_lines(result))
+    (plot,) = re.findall(r'<g class="last bad">(.*?)</g>', trend_page(result))
+    assert ("<circle" in plot, plot.count("<path")) == (False, 2)  # an interval, and an arrow
     assert re.search(r"settling time +task.force_n 8.0 +0.50 s \* +never +– +< 0", lines)
 
 
@@ -257,9 +274,9 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
     assert "3 campaigns compared" in text
     assert '<span class="badge bad">2 significantly worse, 0 better</span>' in text
     counts = (("before", "12/12"), ("middle", "11/12"), ("after", "3/12"))
-    for name, count in counts:
+    for (name, count), sign in zip(counts, ("○ ", "", "● "), strict=True):
         best = " best" * (name == "before")
-        assert f'<td class="count{best}" data-title="{name}">{count}</td>' in text
+        assert f'<td class="count{best}" data-title="{sign}{name}">{count}</td>' in text
     assert point(result) == (
         "Passed runs: 24/24 → 15/24. "
         "`after` is significantly better in 0 and worse in 2 of 3 cells and figures; the clearest is "

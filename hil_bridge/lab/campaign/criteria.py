@@ -25,6 +25,8 @@ BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
 """Comparison function for each keyword of a bound."""
 _ONLY = "outcomes"
 _IS = "is"
+_FLAGS = "no", "yes"
+"""Words for False and True."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,15 +104,20 @@ class Criterion:
 
     @property
     def title(self) -> str:
-        """Criterion as part of a sentence, such as `RMS error below 1.5 N`."""
-        return f"{FIGURES[self.figure].words} {self.required}"
+        """Criterion as part of a sentence, such as `RMS error below 1.5 N` or `no contact losses`."""
+        words, (first, _, rest) = FIGURES[self.figure].words, self.required.partition(" ")
+        if first in _FLAGS:
+            return f"{'not ' * (first == _FLAGS[False])}{words} {rest}".rstrip()
+        return f"no {words}" if self.required == "0" else f"{words} {self.required}"
 
     @property
     def required(self) -> str:
-        """Allowed values as text, with the unit of the figure."""
-        return self._bounds(FIGURES[self.figure].unit)
+        """Allowed values in words, with the unit of the figure."""
+        return self._bounds(FIGURES[self.figure].unit, plain=True)
 
-    def _bounds(self, unit: str = "") -> str:
+    def _bounds(self, unit: str = "", plain: bool = False) -> str:
+        """Format the allowed values, `plain` for a reader who does not know the file."""
+        flags, scope = (_FLAGS, " in {} runs") if plain else (("false", "true"), " where {}")
         match self.allowed:
             case dict() as bounds:
                 parts = [
@@ -118,13 +125,13 @@ class Criterion:
                     for name in BOUNDS
                     if name in bounds
                 ]
-                parts += [str(bounds[_IS]).lower()] if _IS in bounds else []
-                only = f" where {' or '.join(bounds[_ONLY])}" if _ONLY in bounds else ""
+                parts += [flags[bounds[_IS]]] if _IS in bounds else []
+                only = scope.format(" or ".join(bounds[_ONLY])) if _ONLY in bounds else ""
                 return f"{', '.join(parts)}{only}"
             case list() as values:
-                return " or ".join(map(str, values))
+                return " or ".join(map(str, values)).replace(" or ", ", ", plain * (len(values) - 2))
             case bool() as flag:
-                return str(flag).lower()
+                return flags[flag]
             case other:
                 return f"{other} {unit}".rstrip()
 
@@ -163,6 +170,8 @@ def value_text(key: str, value: Figure, criteria: Sequence[Criterion] = ()) -> s
     otherwise reach or cross a bound of the criteria.
     """
     bounds = [limit for one in criteria if one.figure == key for limit in one.limits.values()]
+    if isinstance(value, bool):
+        return _FLAGS[value]
     text = three_digits(value, bounds) if isinstance(value, float) else figure_text(value)
     return f"{text} {FIGURES[key].unit}".rstrip()
 

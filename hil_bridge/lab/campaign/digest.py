@@ -7,6 +7,7 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
 from typing import TypeAlias
 
 from msgspec import Struct
@@ -21,6 +22,8 @@ from hil_bridge.record.analysis.figures import JUDGED, WORDS
 _Spread: TypeAlias = tuple[float | None, float | None, float | None, float | None, float | None]
 """Least value, median, largest value, mean and standard deviation."""
 _NO_SPREAD: _Spread = None, None, None, None, None
+FORCE = "force_true_max_n"
+"""Figure by which runs and cases are compared if no criterion is missed."""
 NUMBERS = tuple(key for key in JUDGED if key not in WORDS)
 """Names of the figures of a run that are numbers."""
 
@@ -146,10 +149,12 @@ def digest_of(store: Store) -> Digest:
 
 def tally_of(runs: Iterable[Done]) -> Tally:
     """Count runs by verdict."""
-    counts = Counter(
-        "errors" if run.outcome == "error" else "passed" if run.passed else "failed" for run in runs
-    )
-    return Tally(**counts)
+    return Tally(**Counter(map(verdict_of, runs)))
+
+
+def verdict_of(run: Done) -> str:
+    """Return the name of the count in `Tally` to which a run belongs."""
+    return "errors" if run.outcome == "error" else "passed" if run.passed else "failed"
 
 
 def facts_of(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
@@ -262,13 +267,27 @@ def values_of(key: str, runs: Iterable[Done]) -> list[float]:
 
 def true_force(run: Done) -> float:
     """Return the largest true force of a run, N; 0 if the run does not have this figure."""
-    force = run.figures.get("force_true_max_n")
+    force = run.figures.get(FORCE)
     return float(force) if isinstance(force, (int, float)) else 0.0
+
+
+def bound_of(run: Done) -> float | None:
+    """Return the bound of the true force of a run with its faults, N; None if it has none."""
+    beyond = run.figures.get("force_beyond_n")
+    return true_force(run) - beyond if isinstance(beyond, float) and math.isfinite(beyond) else None
+
+
+def most_missed(plan: Plan, runs: Iterable[Done]) -> tuple[int, Criterion | None]:
+    """Return the criterion that most failed runs did not meet, and their number; 0 and None if there is none."""
+    failed = [run for run in runs if not run.passed]
+    missed = [(sum(one.judge(run.figures) is False for run in failed), one) for one in plan.criteria]
+    count, criterion = max(missed, key=itemgetter(0), default=(0, None))
+    return (count, criterion) if count else (0, None)
 
 
 def true_force_text(plan: Plan, run: Done) -> str:
     """Format the largest true force of a run with its unit, so that the text agrees with the criteria on it."""
-    return value_text("force_true_max_n", true_force(run), plan.criteria)
+    return value_text(FORCE, true_force(run), plan.criteria)
 
 
 def worst_first(criteria: Sequence[Criterion], runs: Iterable[Done]) -> list[Done]:
@@ -289,7 +308,7 @@ def unmet_by(plan: Plan, run: Done) -> tuple[Unmet, ...]:
 
 
 def _failed(plan: Plan, run: Done) -> FailedRun:
-    case, force = plan.cases[run.number], run.figures.get("force_true_max_n")
+    case, force = plan.cases[run.number], run.figures.get(FORCE)
     return FailedRun(
         run.key,
         run.seed,

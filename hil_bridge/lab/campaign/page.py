@@ -1,29 +1,31 @@
 """Self-contained HTML page of a campaign."""
 
 import json
-import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from operator import itemgetter
 from pathlib import Path
 from urllib.parse import quote
 
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.lab.campaign.criteria import Criterion, figure_text, value_text
+from hil_bridge.lab.campaign.criteria import OUTCOMES, figure_text, value_text
 from hil_bridge.lab.campaign.digest import (
+    FORCE,
     FigureResult,
     Tally,
+    bound_of,
     criterion_results,
     facts_of,
     figure_results,
+    most_missed,
     primary_results,
     tally_of,
     true_force,
     true_force_text,
     unmet_by,
+    verdict_of,
     worst_first,
 )
 from hil_bridge.lab.campaign.pictures import drawn_faults, injections, matrix
@@ -40,13 +42,11 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.markup import cells, fold, pairs, prose, stacked, table
+from hil_bridge.show.report.markup import cells, command, fold, pairs, prose, stacked
 
 WORST = 30
 """Maximum number of failed runs listed individually, worst first. Chosen: longer lists are rarely read."""
 REPORT_NAME = "report.html"
-HARDEST = 10
-"""Maximum number of passed runs listed, largest true force first. Chosen."""
 
 
 def page(store: Store, place: Path | None = None) -> str:
@@ -106,35 +106,30 @@ class PageBody:
         failed = worst_first(plan.criteria, runs)
         others = [run for run in failed if worst is None or run.key != worst.key]
         figures = list(figure_results(plan, runs))
-        cell = self._cell(store, worst)
-        kind = "worst run" if failed else "run with the largest force"
-        shortcut = f' <a href="#worst-cell">See the {kind} in three dimensions.</a>' if cell else ""
+        cell, rows = self._cell(store, worst), primary_results(plan, figures)
+        primary = f"<h2>Primary figures</h2>{_figures(rows)}" if rows else ""
         return f"""{_head(plan, tally, planned)}
-<p class="point">{prose(point(plan, runs, planned))}{shortcut}</p>
-{_counts(tally, planned)}
-<div class="pair"><section><h2>Each case of the matrix</h2>
-{matrix(plan, runs)}</section>
-<section class="rest">{_primary(plan, figures)}{hunted or self._worst(store, plan, worst)}</section></div>{cell}
+<p class="point">{prose(point(plan, runs, planned))}</p>
+{_counts(tally, planned, runs)}
+<h2>Each case of the matrix</h2>
+{matrix(plan, runs)}
+{primary}
+<div class="pair"><section class="rest">{hunted + cell if hunted else self._worst(store, plan, worst, cell)}
+</section><section>{_criteria(plan, runs)}</section></div>
 {fold(self._others(store, plan, others), "more-failed")}
-{_criteria(plan, runs)}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}
-{fold(f"<h2>Figures by cell</h2>{_scrolled(_figures(figures))}", "figures")}
-{fold(_hardest(store, plan, runs), "hardest")}
+{fold(f"<h2>Figures by cell</h2><div class='scroll'>{_figures(figures)}</div>", "figures")}
 {fold(_render_injections(plan, runs), "injections")}
-{fold(f"<h2>How runs ended</h2>{_endings(runs)}", "endings")}
-{fold(f"<h2>Never exercised</h2>{_never(plan, runs)}", "never")}
+{fold(_never(plan, runs), "never")}
 {fold(f"<h2>When, where and how fast</h2>{pairs(facts_of(store, plan, runs), 'facts')}", "facts")}"""
 
-    def _worst(self, store: Store, plan: Plan, run: Done | None) -> str:
-        """Render the worst run; empty without a run."""
+    def _worst(self, store: Store, plan: Plan, run: Done | None, cell: str) -> str:
+        """Render the worst run with its picture `cell`; empty without a run."""
         if run is None:
             return ""
-        if not run.passed:
-            return f"<h2>The worst run</h2>{self._failing(store, plan, run, plan.cases[run.number].cell)}"
-        text = f"{plan.cases[run.number].cell}; fault {faults_of_run(plan.cases[run.number], run)}; seed {run.seed}"
-        heading = f"<h2>Largest true force: {true_force_text(plan, run)}</h2>"
-        return f"{heading}<p>{escape(text)}. Repeat it with {_command(store, run.key)}</p>"
+        title = f"Largest true force: {true_force_text(plan, run)}" if run.passed else "The worst run"
+        return f"<h2>{title}</h2>{self._article(store, plan, run, plan.cases[run.number].cell, cell)}"
 
     def _cell(self, store: Store, run: Done | None) -> str:
         """Render the worst run in three dimensions, which the reader opens; empty without a recording."""
@@ -153,27 +148,26 @@ class PageBody:
         for run in listed:
             by_cell.setdefault(plan.cases[run.number].cell, []).append(run)
         parts = [
-            f"<h3>{escape(cell)}: {len(group)}</h3>{''.join(self._failing(store, plan, run, '') for run in group)}"
+            f"<h3>{escape(cell)}: {len(group)}</h3>{''.join(self._article(store, plan, run, '') for run in group)}"
             for cell, group in by_cell.items()
         ]
         part = f", the worst {len(listed)} of them" * (len(runs) > len(listed))
         return f"<h2>{len(runs)} more that failed{part}, by cell</h2>{''.join(parts)}" if parts else ""
 
-    def _failing(self, store: Store, plan: Plan, run: Done, cell: str) -> str:
-        """Render a failed run. `cell` names its cell; empty below a heading that does."""
+    def _article(self, store: Store, plan: Plan, run: Done, cell: str, more: str = "") -> str:
+        """Render a run, with more markup at its end. `cell` names its cell; empty below a heading that does."""
         case = plan.cases[run.number]
         name = f"<strong>{escape(cell)}</strong>; " if cell else ""
         ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
         unmet = [(FIGURES[one.figure].words, one.value, one.required) for one in unmet_by(plan, run)]
+        listed = cells(("not met", "value", "required"), unmet, "narrow unmet") if unmet else ""
+        force = "" if run.passed else f"Largest true force {true_force_text(plan, run)}."
+        links = f'<p class="quiet">{text}</p>' if (text := self._recording(store, run) + force) else ""
+        style = ' class="good"' * run.passed
         return (
-            f"<article><p>{name}fault {escape(faults_of_run(case, run))};"
-            f" seed {run.seed}</p>"
-            f"{cells(('not met', 'value', 'required'), unmet, 'narrow unmet')}"
-            f"{_render_drawn(run)}"
-            f"<p>{prose(self._why(store, run) or ended)}</p>"
-            f'<p class="quiet">{self._recording(store, run)}Largest true force {true_force_text(plan, run)}. '
-            f"Repeat it with {_command(store, run.key)}</p>"
-            "</article>"
+            f"<article{style}><p>{name}fault {escape(faults_of_run(case, run))}; seed {run.seed}</p>"
+            f"{listed}{_render_drawn(run)}<p>{prose(self._why(store, run) or ended)}</p>"
+            f"{links}{_command(store, run.key, 'Repeat this run')}{more}</article>"
         )
 
     def _recording(self, store: Store, run: Done) -> str:
@@ -204,12 +198,6 @@ class PageBody:
         return self._reasons[run.key]
 
 
-def _primary(plan: Plan, figures: Sequence[FigureResult]) -> str:
-    """Render the primary figures of the plan; empty if it has none."""
-    rows = primary_results(plan, figures)
-    return f"<h2>Primary figures</h2>{_figures(rows)}" if rows else ""
-
-
 def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
     """Return in one sentence how the runs ended if all passed, or the criterion that most failed runs missed. `planned`
     is the number of runs of the complete campaign.
@@ -218,12 +206,8 @@ def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
         return "No run has been executed yet."
     failed = [run for run in runs if not run.passed]
     if not failed:
-        of_all = f" of {planned}" * (len(runs) < planned)
-        ended = ", ".join(
-            f"{count} {name}" for name, count in Counter(run.outcome for run in runs).most_common()
-        )
-        done = f"{len(runs)}{of_all} run{'s' * (planned != 1)}"
-        return f"{done}: {ended}; every one met every criterion; {_largest_force(plan, runs)}."
+        so_far = " so far" * (len(runs) < planned)
+        return f"Every run{so_far} met every criterion; {_largest_force(plan, runs)}."
     cases = len({run.number for run in failed})
     where = f"{cases} of {len(plan.possible)} cases have failed runs"
     which = "failed run"
@@ -231,9 +215,8 @@ def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
         every = "The only case" if cases == 1 else f"All {cases} cases"
         where = f"{every}{' run so far' * (len(runs) < planned)} failed"
         which = "run"
-    missed = [(sum(one.judge(run.figures) is False for run in failed), one) for one in plan.criteria]
-    count, criterion = max(missed, key=itemgetter(0), default=(0, None))
-    if criterion is None or not count:
+    count, criterion = most_missed(plan, failed)
+    if criterion is None:
         return f"{where}."
     runs_of = f"every {which}" if count == len(failed) else f"{count} of {len(failed)} {which}s"
     return f"{where}; {runs_of} missed “{criterion.title}”."
@@ -244,12 +227,10 @@ def _largest_force(plan: Plan, runs: Sequence[Done]) -> str:
     hardest = max(runs, key=true_force)
     text = f"largest true force {true_force_text(plan, hardest)}"
     for one in plan.criteria:
-        if one.figure == "force_true_max_n":
+        if one.figure == FORCE:
             return f"{text} (required: {one.required})"
-    beyond = hardest.figures.get("force_beyond_n")
-    if not isinstance(beyond, float) or not math.isfinite(beyond):
-        return text
-    return f"{text} (bound with its faults: {value_text('force_bound_n', true_force(hardest) - beyond)})"
+    bound = bound_of(hardest)
+    return text if bound is None else f"{text} (bound with its faults: {value_text('force_bound_n', bound)})"
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
@@ -269,45 +250,32 @@ def _head(plan: Plan, tally: Tally, planned: int) -> str:
     )
 
 
-def _counts(tally: Tally, planned: int) -> str:
-    """Render the counts of the campaign, and its progress."""
-    counts = (
-        ("passed", tally.passed, ' class="good"'),
-        ("failed", tally.failed, ' class="bad"'),
-        ("errors", tally.errors, ' class="bad"'),
-    )
-    summary = " ".join(
-        f"<span><b{colour * bool(count)}>{count}</b> {name}</span>" for name, count, colour in counts
-    )
-    bad = tally.failed + tally.errors
-    good, wrong = (f"{100 * count / max(planned, 1):.2f}" for count in (tally.passed, bad))
-    bars = (
-        f'<rect class="good" width="{good}" height="1"></rect>'
-        f'<rect class="bad" x="{good}" width="{wrong}" height="1"></rect>'
-    )
+def _counts(tally: Tally, planned: int, runs: Iterable[Done]) -> str:
+    """Render the counts of the campaign by verdict and outcome, as a bar with its legend."""
+    kinds = Counter((verdict_of(run), run.outcome) for run in runs)
+    bars, legend, begin = [], [], 0.0
+    for verdict, count in (("passed", tally.passed), ("failed", tally.failed), ("errors", tally.errors)):
+        marks = []
+        for outcome in OUTCOMES:
+            if part := kinds[verdict, outcome]:
+                style, width = f"{verdict} {outcome}", 100.0 * part / max(planned, 1)
+                bars.append(f'<rect class="{style}" x="{begin:.2f}" width="{width:.2f}" height="1"/>')
+                marks.append(f'<i class="{style}"></i>' + f"{part} {outcome}" * (verdict != "errors"))
+                begin += width
+        colour = f' class="{"good" if verdict == "passed" else "bad"}"' * bool(count)
+        ended = f"<span>{' '.join(marks)}</span>" if marks else ""
+        legend.append(f"<span><b{colour}>{count}</b> {verdict}</span>{ended}")
     return (
         '<svg class="progress" viewBox="0 0 100 1" preserveAspectRatio="none" role="img"'
-        f' aria-label="runs done">{bars}</svg>\n<p class="tally">{summary}'
+        f' aria-label="runs by outcome">{"".join(bars)}</svg>\n<p class="tally">{" ".join(legend)}'
         f' <span class="quiet">{tally.total} of {planned} runs done</span></p>'
     )
 
 
 def _criteria(plan: Plan, runs: Sequence[Done]) -> str:
     section = criteria_section(criterion_results(plan, runs))
-    head = "".join(f"<th>{escape(title)}</th>" for title in section.columns)
-    rows = (
-        f"<td>{_criterion(one)}</td>{''.join(f'<td>{count}</td>' for count in counts)}"
-        for one, (_, *counts) in zip(plan.criteria, section.rows, strict=True)
-    )
-    return (
-        f"<h2>{section.title}</h2>{table(rows, 'narrow settings values', f'<thead><tr>{head}</tr></thead>')}"
-    )
-
-
-def _criterion(one: Criterion) -> str:
-    """Render a criterion in words, with the key of its figure in small print if it is another word."""
-    key = f" <code>{one.figure}</code>" * (one.figure != FIGURES[one.figure].words)
-    return f"{escape(one.title)}{key}"
+    rows = [(one.title, *counts) for one, (_, *counts) in zip(plan.criteria, section.rows, strict=True)]
+    return f"<h2>{section.title}</h2>{cells(section.columns, rows, 'narrow values')}"
 
 
 def _figures(figures: Iterable[FigureResult]) -> str:
@@ -315,19 +283,16 @@ def _figures(figures: Iterable[FigureResult]) -> str:
     return stacked(section.columns, section.rows)
 
 
-def _scrolled(marked: str) -> str:
-    """Wrap a long table, so that it scrolls in a box."""
-    return f'<div class="scroll">{marked}</div>'
-
-
-def _command(store: Store, key: str) -> str:
-    return f"<code>{escape(rerun_command(store.path.name, key))}</code>"
+def _command(store: Store, key: str, purpose: str) -> str:
+    return command(purpose, rerun_command(store.path.name, key))
 
 
 def _render_drawn(run: Done) -> str:
     """Render the promises that the run broke, and the settings drawn for it."""
-    parts = [figure_text(run.figures.get("promises")), settings_of_run(run)]
-    return "".join(f'<p class="quiet">{escape(part)}</p>' for part in parts if part)
+    promises, settings = figure_text(run.figures.get("promises")), settings_of_run(run)
+    broken = f'<p class="quiet">{escape(promises)}</p>' if promises else ""
+    listed = f"<details><summary>Drawn settings</summary><p>{escape(settings)}</p></details>"
+    return broken + listed * bool(settings)
 
 
 def _render_hunt(store: Store, plan: Plan) -> str:
@@ -336,84 +301,41 @@ def _render_hunt(store: Store, plan: Plan) -> str:
     for fact, label in (("worst", "The worst run"), ("smallest", "The same with the fewest faults")):
         for run in store.runs("key = ?", [store.fact(fact)]):
             lines = "<br>".join(map(escape, describe_run(plan, run, label)))
-            parts.append(f"<article><p>{lines}</p><p>{_command(store, run.key)}</p></article>")
+            parts.append(f"<article><p>{lines}</p>{_command(store, run.key, 'Repeat this run')}</article>")
     return f"<h2>Result of the hunt</h2>{''.join(parts)}" if parts else ""
-
-
-def _hardest(store: Store, plan: Plan, runs: Sequence[Done]) -> str:
-    """Render the passed runs with the largest true force; empty if no run passed."""
-    hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
-    lines = [
-        (
-            plan.cases[run.number].cell,
-            faults_of_run(plan.cases[run.number], run),
-            true_force_text(plan, run),
-            f"{run.seed}",
-            run.key,
-        )
-        for run in hardest
-    ]
-    table = stacked(("cell", "fault", "largest true force", "seed", "key"), lines)
-    heading = "<h2>Passed runs with the largest true force</h2>"
-    return f"{heading}<p>{_command(store, 'KEY')} repeats one.</p>{table}" if lines else ""
 
 
 def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
     """Render the number of runs with each fault in each phase; empty if no faults are drawn."""
     if plan.draw is None or not plan.draw.most:
         return ""
-    table, empty = injections(plan, runs)
-    named = "; ".join(empty) or "none"
     return (
-        "<h2>Faults by phase</h2>"
-        '<p class="quiet">Runs that passed / runs in which the fault was planned in this phase. A question mark is a '
-        "phase in which no run had it yet.</p>"
-        f"{table}<p>Not injected yet: {escape(named)}.</p>"
+        f"<h2>Faults by phase</h2>{injections(plan, runs)}"
+        '<p class="quiet">Runs that passed / runs in which the fault was planned in this phase. ? no run had it.</p>'
     )
 
 
-def _endings(runs: Iterable[Done]) -> str:
-    counts = Counter(run.outcome for run in runs)
-    return pairs((outcome, str(count)) for outcome, count in counts.most_common())
-
-
 def _never(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render the criteria, cases and faults of the plan that no run exercised, and the faults that are not in the
-    plan.
-    """
+    """Render the faults that took no effect in some runs, that no cell supports, and that are not in the plan."""
     done = Counter(run.number for run in runs)
     struck = Counter(run.number for run in runs if run.figures.get("struck"))
-    lines: list[tuple[str, str, str]] = [
-        (criterion.title, "", "this criterion applied to no run")
-        for criterion in plan.criteria
-        if runs and all(criterion.judge(run.figures) is None for run in runs)
-    ]
+    lines: list[tuple[str, str, str]] = []
     impossible: dict[tuple[str, str], list[str]] = {}
     for number, case in enumerate(plan.cases):
         if case.impossible:
             impossible.setdefault((fault_of(case), case.impossible), []).append(case.cell)
-        elif not done[number]:
-            lines.append((fault_of(case), case.cell, "no run yet"))
         elif case.table != "{}" and struck[number] < done[number]:
-            often = (
-                f"in {struck[number]} of {done[number]} runs only"
-                if struck[number]
-                else f"in none of {done[number]} runs"
-            )
-            lines.append((fault_of(case), case.cell, f"the fault took effect {often}"))
+            lines.append((fault_of(case), case.cell, f"{struck[number]} of {done[number]} runs"))
     left = [(fault, f"{len(where)}: {'; '.join(where)}", text) for (fault, text), where in impossible.items()]
-    parts = [_scrolled(stacked(("fault or criterion", "cell", "why"), lines, 3))]
+    parts = [stacked(("fault", "cell", "took effect in"), lines, 3)] if lines else []
     if missing := _not_planned(plan):
         lists = "; ".join(f"{on}: {', '.join(names)}" for on, names in missing.items())
         parts.append(f"<p>Faults that these cells support and the plan does not inject: {escape(lists)}.</p>")
     if left:
         table = stacked(("fault", "cells", "why they do not support it"), left, 3)
         count = sum(map(len, impossible.values()))
-        parts.append(
-            f'<details id="impossible"><summary>{count} impossible cases</summary>'
-            f"{_scrolled(table)}</details>"
-        )
-    return "".join(parts)
+        parts.append(f'<details id="impossible"><summary>{count} impossible cases</summary>{table}</details>')
+    return f"<h2>Not exercised</h2>{''.join(parts)}" if parts else ""
 
 
 def _not_planned(plan: Plan) -> Mapping[str, list[str]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 from hil_bridge.errors.rounding import three_digits
-from hil_bridge.lab.campaign.digest import NUMBERS, values_of
+from hil_bridge.lab.campaign.digest import FORCE, NUMBERS, values_of
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done
 from hil_bridge.record.analysis.figures import FIGURES
@@ -24,8 +24,10 @@ FEW, FEWEST = 20, 5
 """Number of values from which a histogram replaces dots, and from which a figure without a criterion is not folded.
 Chosen.
 """
-FIRST_MOST = 12
-"""Maximum number of figures that are not folded. Chosen: two screens of the page."""
+FIRST_MOST = 6
+"""Maximum number of figures that are not folded. Chosen: one screen of the page."""
+_CROWD = 0.5
+"""Share of the runs in one bar from which on the heights are logarithmic. Chosen."""
 _DOT, _PILE = 8, 44
 """Diameter of a dot with the gap to the next, and height of the highest pile of dots, px. Chosen."""
 _NOTHING = 1e-9
@@ -35,18 +37,19 @@ _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
 
 
 def distributions(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render the distribution of each figure, beginning with the figures that have a criterion. Figures with one
-    value in all runs share a line of text. Figures of very few runs are folded, and all beyond FIRST_MOST.
+    """Render the distribution of each figure, beginning with the figures that have a criterion, the true force, and
+    then those with the most information. Figures with one value in all runs share a line of text. Figures of very few
+    runs are folded, and all beyond FIRST_MOST.
     """
     limits = {one.figure: one.limits for one in plan.criteria}
     missing = {one.figure: [run for run in runs if one.judge(run.figures) is False] for one in plan.criteria}
     first: list[str] = []
     more: list[str] = []
     same: list[str] = []
-    for key in sorted(NUMBERS, key=lambda key: key not in limits):
-        values = values_of(key, runs)
-        if not values:
-            continue
+    known = {key: values for key in NUMBERS if (values := values_of(key, runs))}
+    ranks = {key: (key not in limits, key != FORCE, -_information(values)) for key, values in known.items()}
+    for key in sorted(known, key=ranks.__getitem__):
+        values = known[key]
         if values[0] == values[-1] and math.isfinite(values[0]) and len(values) > 1:
             same.append(f"{FIGURES[key].words} {FIGURES[key].text(values[0])}")
             continue
@@ -61,6 +64,22 @@ def distributions(plan: Plan, runs: Sequence[Done]) -> str:
     return f"{_side_by_side(first)}{alike}{fold(others, 'distributions')}"
 
 
+def _information(values: Sequence[float]) -> float:
+    """Return the entropy of the histogram of values, bit."""
+    finite = [value for value in values if math.isfinite(value)]
+    if len(finite) < FEWEST or finite[0] == finite[-1]:
+        return 0.0
+    drawn = _drawn(finite)
+    shares = [count / len(drawn) for count in _bins(drawn, drawn[0], drawn[-1] - drawn[0])[0].values()]
+    return -sum(share * math.log2(share) for share in shares)
+
+
+def _bins(values: Sequence[float], low: float, span: float) -> tuple[Counter[int], int]:
+    """Return the number of values in each bar of a histogram, and the number of bars."""
+    bins = min(max(math.ceil(2.0 * math.sqrt(len(values))), BINS_FEWEST), BINS_MOST)
+    return Counter(min(int((value - low) / (span or 1.0) * bins), bins - 1) for value in values), bins
+
+
 def _side_by_side(figures: Sequence[str]) -> str:
     return f'<div class="figures">{"".join(figures)}</div>' if figures else ""
 
@@ -69,7 +88,7 @@ def _distribution(
     key: str, values: Sequence[float], bounds: Mapping[str, float], bad: Sequence[float]
 ) -> str:
     one, finite = FIGURES[key], [value for value in values if math.isfinite(value)]
-    title = f"<strong>{escape(one.title)}</strong> <code>{key}</code><br>{escape(one.how)}"
+    title = f"<strong>{escape(one.title)}</strong><br>{escape(one.how)} <code>{key}</code>"
     endless = len(values) - len(finite)
     if not finite:
         return f"<figure><figcaption>{title}<br>{_runs(endless)}: {one.infinite}</figcaption></figure>"
@@ -170,12 +189,21 @@ class _Picture:
     def _bars(self) -> tuple[list[str], int]:
         """Return the bars from the smallest to the largest value, and the height of the axis."""
         low, span = self._low, self._span
-        bins = min(max(math.ceil(2.0 * math.sqrt(len(self._values))), BINS_FEWEST), BINS_MOST)
-        counts = Counter(min(int((value - low) / span * bins), bins - 1) for value in self._values)
+        counts, bins = _bins(self._values, low, span)
         top, width = max(counts.values()), _WIDTH / bins
+        crowded = top > _CROWD * len(self._values)
+
+        def height_of(count: int) -> float:
+            share = math.log1p(count) / math.log1p(top) if crowded else count / top
+            return max(1.5, (_HEIGHT - self._room) * share)
+
         parts = []
+        for power in range(1, int(math.log10(top)) + 1) if crowded else ():
+            y = _HEIGHT - height_of(10**power)
+            parts.append(f'<path class="grid" d="M0 {y:.1f}H{_WIDTH}"/>')
+            parts.append(f'<text x="{_WIDTH}" y="{y - 2:.1f}" text-anchor="end">{10**power}</text>')
         for place, count in sorted(counts.items()):
-            height = max(1.5, (_HEIGHT - self._room) * count / top)
+            height = height_of(count)
             first = low + place * span / bins
             title = f"{_runs(count)} from {_number(first)} to {_number(first + span / bins)}"
             parts.append(

@@ -14,6 +14,7 @@ from hil_bridge.lab.text_tables import aligned
 from hil_bridge.record.analysis.definition import UNKNOWN, concise, difference, rounded
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
+from hil_bridge.show.pages.svg import Interval, interval_plot
 from hil_bridge.show.report.markup import Value, cells, fold, prose, stacked
 
 SERIES_MOST = 8
@@ -27,9 +28,10 @@ FIRST_FIGURES = 8
 _FIRST_CHARTS = 3
 """Number of charts that are not folded. Chosen: one row of the page."""
 _SETTINGS_MOST = 2
-"""Maximum number of settings named in the first sentences. Chosen: the table has all."""
+"""Maximum number of settings named in the first sentences, instead of in a table. Chosen."""
 _TESTS = "adjusted p", "change"
 """Titles of the columns with the test of a row."""
+_PLOTS = "In plots, closer to the vertical line is better, and an arrow is never, or none."
 _PLACE = "place"
 _CASE = "case "
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
@@ -45,6 +47,8 @@ class _Row(NamedTuple):
     """Interval of each value; empty if there is none."""
     best: frozenset[int]
     """Places of the results with the best value."""
+    plot: str
+    """Plot of the values as HTML."""
     more: tuple[str, ...]
     """Texts of the columns behind the values."""
     change: Change
@@ -78,12 +82,15 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     listed = trend.primary or _ranked(trend)[:FIGURES_MOST]
     if listed:
         yield ""
-        yield from aligned(_figure_titles(trend), [_line_of(_figure_row(trend, row)) for row in listed])
+        rows = [_line_of(_figure_row(trend, row, trend.tested)) for row in listed]
+        yield from aligned(_columns(trend, True, trend.tested), rows)
     if more := len(trend.primary) + len(_differing(trend)) - len(listed):
         yield f"and {more} more figures, on the page"
     differing, same = _cells(trend)
     yield ""
-    yield from aligned(_cell_titles(trend), [_line_of(_cell_row(trend, row)) for row in differing])
+    yield from aligned(
+        _columns(trend, False, trend.tested), [_line_of(_cell_row(trend, row)) for row in differing]
+    )
     if same:
         yield f"and {len(same)} more cells, the same in all results"
     yield f"*: {_note(trend)}"
@@ -102,28 +109,32 @@ def trend_page(trend: Trend) -> str:
     ]
     kind = "single runs" if _single(trend) else "medians"
     others = f"{'Other figures' if trend.primary else 'Figures'} that differ, {kind}"
-    note = f'<p class="quiet"><strong>Bold</strong>: {escape(_note(trend))}</p>'
+    title = escape(" and ".join(names)) if len(names) == 2 else f"{len(names)} campaigns"
+    course = settings = ""
+    if len(names) > 2:  # a line between two points says nothing
+        charts = room("trend", trend_charts(trend), first=_FIRST_CHARTS)
+        course = f"<h2>Course over the results</h2>{charts}"
+    if len(trend.settings) > _SETTINGS_MOST:  # otherwise the first sentences name them
+        rows = [(one.key, one.before, one.after) for one in trend.settings]
+        table = cells(("setting", names[0], names[-1]), rows, "narrow settings")
+        settings = f"<h2>Settings that differ</h2>{table}"
+    note = f'<p class="quiet small"><strong>Bold</strong>: {escape(_note(trend))} {_PLOTS}</p>'
     primary = ""
     if trend.primary:
-        primary = f"<section><h2>Primary figures, {kind}</h2>{_figure_table(trend, trend.primary)}</section>"
-    body = f"""<header class="headline"><h1>{_title(names)}</h1>
+        table = _figure_table(trend, trend.primary, trend.tested)
+        primary = f"<h2>Primary figures, {kind}</h2>{table}"
+    body = f"""<header class="headline"><h1>{title} compared</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
-<div class="pair">{primary}
-<section><h2>Runs that passed, by cell</h2>
-{_cell_tables(trend)}</section></div>{note if primary else ""}
+{primary}
+<div class="pair"><section><h2>Runs that passed, by cell</h2>
+{_cell_tables(trend)}</section>{note}</div>
 <h2>{others if trend.tested else "Largest differences, not tested"}</h2>
-{_other_figures(trend)}{"" if primary else note}
-{_setting_table(trend, names)}
-{_course(trend)}
+{_other_figures(trend)}
+{settings}
+{course}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'sides')}")}"""
     return document(f"compared: {', '.join(names)}", body)
-
-
-def _title(names: Sequence[str]) -> str:
-    return (
-        escape(" and ".join(names)) + " compared" if len(names) == 2 else f"{len(names)} campaigns compared"
-    )
 
 
 def point(trend: Trend) -> str:
@@ -205,20 +216,6 @@ def _single(trend: Trend) -> bool:
     return all(count <= 1 for row in (*trend.primary, *trend.figures) for count in row.runs)
 
 
-def _course(trend: Trend) -> str:
-    """Render charts over the results. Two results have none, because a line between two points says nothing."""
-    if len(trend.results) <= 2:
-        return ""
-    return f"<h2>Course over the results</h2>{room('trend', trend_charts(trend), first=_FIRST_CHARTS)}"
-
-
-def _setting_table(trend: Trend, names: Sequence[str]) -> str:
-    if not trend.settings:
-        return ""
-    rows = [(one.key, one.before, one.after) for one in trend.settings]
-    return f"<h2>Settings that differ</h2>{cells(('setting', names[0], names[-1]), rows, 'narrow settings')}"
-
-
 def _cells(trend: Trend) -> tuple[Sequence[CellChange], Sequence[CellChange]]:
     """Return the row over all cells with the cells that differ, and the cells that are the same in all results. A
     single cell has no row over all cells.
@@ -232,24 +229,30 @@ def _cells(trend: Trend) -> tuple[Sequence[CellChange], Sequence[CellChange]]:
 def _cell_tables(trend: Trend) -> str:
     """Render the counts of runs by cell; the cells that are the same in all results are folded."""
     differing, same = (
-        _render(_cell_titles(trend), [_cell_row(trend, row) for row in rows]) if rows else ""
+        _render(trend, _columns(trend, False, trend.tested), [_cell_row(trend, row) for row in rows])
+        if rows
+        else ""
         for rows in _cells(trend)
     )
     count = len(_cells(trend)[1])
     return differing + fold(f"<h2>{count} more cells, the same in all results</h2>{same}" * bool(same))
 
 
-def _cell_titles(trend: Trend) -> tuple[str, ...]:
-    return "cell", *(one.name for one in trend.results), *_TESTS * trend.tested
+def _columns(trend: Trend, figures: bool, tests: bool) -> tuple[str, ...]:
+    """Return the titles of the columns of a table of cells, or of figures."""
+    names = (one.name for one in trend.results)
+    return *("figure",) * figures, "cell", *names, *("difference",) * figures, *_TESTS * tests
 
 
 def _cell_row(trend: Trend, row: CellChange) -> _Row:
     counts = tuple(map(_count, row.tallies))
+    first, last = ((one, one, one) if (one := _share(row.tallies[k])) is not None else None for k in (0, -1))
     return _Row(
         (_label(trend, row.cell),),
         counts,
         ("",) * len(counts),
         _best(trend, row),
+        interval_plot(first, last, 100.0, _CLASSES[row.change]),
         _test_texts(row) * trend.tested,
         row.change,
     )
@@ -259,16 +262,21 @@ def _count(tally: Tally) -> str:
     return f"{tally.passed}/{tally.total}" if tally.total else UNKNOWN
 
 
-def _figure_titles(trend: Trend) -> tuple[str, ...]:
-    names = (one.name for one in trend.results)
-    return "figure", "cell", *names, "difference", *_TESTS * trend.tested
-
-
-def _figure_row(trend: Trend, row: FigureChange) -> _Row:
+def _figure_row(trend: Trend, row: FigureChange, tests: bool) -> _Row:
     medians = tuple(_median_text(row, place) for place in range(len(row.medians)))
     intervals = tuple(_interval_text(row, interval) for interval in row.intervals)
-    more = (_difference_text(row), *_test_texts(row) * trend.tested)
-    return _Row((row.label, _label(trend, row.cell)), medians, intervals, _best(trend, row), more, row.change)
+    more = (_difference_text(row), *_test_texts(row) * tests)
+    ideal = FIGURES[row.figure].ideal(min((one for one in row.medians if one is not None), default=0.0))
+    plot = interval_plot(_ends(row, 0), _ends(row, -1), ideal, _CLASSES[row.change])
+    labels = row.label, _label(trend, row.cell)
+    return _Row(labels, medians, intervals, _best(trend, row), plot, more, row.change)
+
+
+def _ends(row: FigureChange, place: int) -> Interval | None:
+    """Return a median between the ends of its interval; None without a run."""
+    median, interval = row.medians[place], row.intervals[place]
+    value = math.inf if median is None else median
+    return None if interval is None else (interval[0], value, interval[1])
 
 
 def _label(trend: Trend, cell: str) -> str:
@@ -373,28 +381,32 @@ def _other_figures(trend: Trend) -> str:
     if not rows:
         return "<p>Every figure is the same in all results.</p>"
     first = max(FIRST_FIGURES, sum(row.change is not Change.NONE for row in rows))
-    more = f"<h2>{len(rows) - first} more figures</h2>{_figure_table(trend, rows[first:])}"
-    return _figure_table(trend, rows[:first]) + (fold(more) if len(rows) > first else "")
+    table = _figure_table(trend, rows[:first], any(row.change for row in rows))
+    more = f"<h2>{len(rows) - first} more figures</h2>{_figure_table(trend, rows[first:], trend.tested)}"
+    return table + (fold(more) if len(rows) > first else "")
 
 
-def _figure_table(trend: Trend, rows: Sequence[FigureChange]) -> str:
-    return _render(_figure_titles(trend), [_figure_row(trend, row) for row in rows])
+def _figure_table(trend: Trend, rows: Sequence[FigureChange], tests: bool) -> str:
+    return _render(trend, _columns(trend, True, tests), [_figure_row(trend, row, tests) for row in rows])
 
 
-def _render(titles: Sequence[str], rows: Sequence[_Row]) -> str:
-    """Render a table with the best value of each row in bold, and its significant change coloured."""
+def _render(trend: Trend, titles: Sequence[str], rows: Sequence[_Row]) -> str:
+    """Render a table with the best value of each row in bold, its significant change coloured, and a plot."""
+    names, labels = [one.name for one in trend.results], titles.index("cell") + 1
+    names[0], names[-1] = f"○ {names[0]}", f"● {names[-1]}"
     lines: list[Sequence[str | Value]] = [
         (
-            *row.labels,
+            Value(row.labels[0], "", *row.labels[1:]),
             *(
                 Value(text, "best" if place in row.best else "", interval)
                 for place, (text, interval) in enumerate(zip(row.values, row.intervals, strict=True))
             ),
+            Value("", "plotted", "", row.plot),
             *(Value(text, _CLASSES[row.change] if text == row.change else "") for text in row.more),
         )
         for row in rows
     ]
-    return stacked(titles, lines, titles.index("cell") + 1)
+    return stacked((titles[0], *names, "", *titles[labels + len(names) :]), lines, 1)
 
 
 def _line_of(row: _Row) -> tuple[str, ...]:
@@ -415,37 +427,25 @@ def trend_charts(trend: Trend) -> Charts:
     """
     ranked = sorted(trend.cells, key=lambda row: 2.0 if row.probability is None else row.probability)
     drawn = {row.cell for row in ranked[:SERIES_MOST]}
-    colours = {
-        cell: f"{place + 1}"
-        for place, cell in enumerate(one.cell for one in trend.cells if one.cell in drawn)
+    cells = [one.cell for one in trend.cells if one.cell in drawn]
+    colours = {cell: f"{place + 1}" for place, cell in enumerate(cells)}
+    shares: dict[str, Sequence[float | None]] = {
+        row.cell: [_share(one) for one in row.tallies] for row in trend.cells
     }
+    lines = {"passed": ("Runs that passed", "%", shares)}
+    for row in (*trend.primary, *_ranked(trend)):
+        title = f"Median: {FIGURES[row.figure].words}"
+        lines.setdefault(row.figure, (title, FIGURES[row.figure].unit, {}))[2][row.cell] = row.medians
     sources: dict[str, dict[str, Sequence[float | None]]] = {}
     charts = []
-
-    def add(
-        name: str, title: str, unit: str, lines: Mapping[str, Sequence[float | None]], zero: bool = False
-    ) -> None:
-        chosen = {cell: lines[cell] for cell in colours if cell in lines}
-        sources[name] = {
-            "x": list(map(float, range(len(trend.results)))),
-            **{colours[c]: v for c, v in chosen.items()},
-        }
-        series = [Series(name, colours[cell], cell, colours[cell], width=2.0) for cell in chosen]
+    for name, (title, unit, values) in list(lines.items())[: CHARTS_MOST + 1]:
+        chosen = {colours[cell]: values[cell] for cell in cells if cell in values}
+        sources[name] = {"x": list(map(float, range(len(trend.results)))), **chosen}
+        series = [
+            Series(name, colours[cell], cell, colours[cell], width=2.0) for cell in cells if cell in values
+        ]
         if series:
-            charts.append(Chart(name, title, unit, series, axis=_PLACE, height_px=170, zero=zero))
-
-    add(
-        "passed",
-        "Runs that passed",
-        "%",
-        {row.cell: [_share(one) for one in row.tallies] for row in trend.cells},
-        zero=True,
-    )
-    by_figure: dict[str, dict[str, Sequence[float | None]]] = {}
-    for row in (*trend.primary, *_ranked(trend)):
-        by_figure.setdefault(row.figure, {})[row.cell] = row.medians
-    for key, medians in list(by_figure.items())[:CHARTS_MOST]:
-        add(key, f"Median: {FIGURES[key].words}", FIGURES[key].unit, medians)
+            charts.append(Chart(name, title, unit, series, axis=_PLACE, height_px=170, zero=name == "passed"))
     axis = Axis("results", "", names=[one.name for one in trend.results])
     return Charts({_PLACE: axis}, charts, sources)
 

@@ -66,6 +66,14 @@ class Definition:
                 return abs(value - 1.0)
         return None
 
+    def ideal(self, least: float) -> float | None:
+        """Return the best possible value; None without a preferred direction, or if values, of which `least` is the
+        smallest, improve without limit.
+        """
+        if self.good is Good.NONE or (self.good is Good.LESS and least < 0.0):
+            return None
+        return 1.0 if self.good is Good.NEAR_ONE else 0.0
+
     @property
     def title(self) -> str:
         """Label and unit of the figure, as a column heading."""

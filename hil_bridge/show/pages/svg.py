@@ -6,6 +6,7 @@ import zlib
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,11 @@ COOLWARM = ((59, 76, 192), (141, 176, 254), (221, 221, 221), (244, 152, 122), (1
 """Diverging palette. Source: the colour map of K. Moreland, at five points."""
 PALETTES = {"amount": VIRIDIS, "sign": COOLWARM}
 """Colour palettes by their names in `description.Scale`."""
+Interval: TypeAlias = tuple[float, float, float]
+"""Least value, median, and largest value."""
 _LEAST_PX = 45.0
+_PLOT_PX = 300
+"""Width of a plot of intervals, px. Chosen."""
 
 
 class Frame:
@@ -123,6 +128,29 @@ def text(
 def dot(place: tuple[float, float], radius: float, colour: str) -> str:
     """Draw a filled circle, px."""
     return f'<circle cx="{place[0]:.1f}" cy="{place[1]:.1f}" r="{radius:g}" style="fill:{shade(colour)}"/>'
+
+
+def interval_plot(first: Interval | None, last: Interval | None, best: float | None, style: str) -> str:
+    """Draw two values with their intervals on one axis that includes 0, and a line at the best value.
+
+    An infinite value is an arrow at the end of the axis; None is not drawn. `style` is the style of the last value.
+    """
+    drawn = [(one, 5 + 12 * place) for place, one in enumerate((first, last)) if one is not None]
+    known = [0.0, best or 0.0, *(value for one, _ in drawn for value in one if math.isfinite(value))]
+    low, span = min(known), max(known) - min(known) or 1.0
+
+    def x(value: float) -> float:
+        return min(6.0 + (value - low) / span * (_PLOT_PX - 26.0), _PLOT_PX - 2.0)
+
+    parts = [f'<path class="best" d="M{x(best):.1f} 0v22"/>'] if best is not None else []
+    for (least, value, most), y in drawn:
+        at = x(value)
+        mark = f'<circle cx="{at:.1f}" cy="{y}" r="4"/>'
+        if math.isinf(value):
+            mark = f'<path d="M{at - 8:.1f} {y - 4}l8 4l-8 4z"/>'
+        named = f"last {style}" if y > 5 else "first"
+        parts.append(f'<g class="{named}"><path d="M{x(least):.1f} {y}H{x(most):.1f}"/>{mark}</g>')
+    return f'<svg class="plot" viewBox="0 0 {_PLOT_PX} 22" aria-hidden="true">{"".join(parts)}</svg>'
 
 
 def scale_colours(shares: NDArray[np.float64], stops: Sequence[tuple[int, int, int]]) -> NDArray[np.uint8]:

@@ -61,11 +61,12 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
 
 
 class Value(NamedTuple):
-    """Value in a table, with a style and small print after it."""
+    """Value in a table, with a style, small print after it, and a drawing as HTML."""
 
     text: str
     style: str = ""
     note: str = ""
+    drawing: str = ""
 
 
 def stacked(titles: Sequence[str], lines: Iterable[Sequence[str | Value]], texts: int = 2) -> str:
@@ -78,10 +79,10 @@ def stacked(titles: Sequence[str], lines: Iterable[Sequence[str | Value]], texts
     )
 
     def field(title: str, style: str, cell: str | Value) -> str:
-        text, more, note = Value(cell) if isinstance(cell, str) else cell
+        text, more, note, drawing = Value(cell) if isinstance(cell, str) else cell
         small = f" <small>{escape(note)}</small>" if note else ""
         style = f"{style} {more}".rstrip()
-        return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}{small}</td>'
+        return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}{small}{drawing}</td>'
 
     body = ("".join(map(field, titles, styles, line)) for line in lines)
     style = "narrow stacked single" if len(titles) == texts + 1 else "narrow stacked"
