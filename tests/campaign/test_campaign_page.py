@@ -130,10 +130,11 @@ def test_page_shows_cells_worst_runs_and_gaps(results: Path, tmp_path: Path) -> 
     assert "and the plan does not inject: robot: safeguard-stop" in text
     copied = f"<code>hil-bridge campaign rerun study.sqlite {worst}</code><button"
     assert copied in text
-    assert (
-        "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text
-    )  # met, not met, of not applicable
-    assert "<td>overshoot below 1000 % in interrupted runs</td><td>0</td><td>0</td><td>8</td>" in text
+    rows = re.findall(r"<tr><td class=\"text\"[^>]*>([^<]*(?:completed|runs))</td>(.*?)</tr>", text)
+    counts = {words: re.findall(r'<td class="([^"]*)"[^>]*>(\d+)<', row) for words, row in rows}
+    assert counts["outcome completed"] == [("count", "4"), ("count bad", "4"), ("count", "0")]
+    unmet = counts["overshoot below 1000 % in interrupted runs"]
+    assert unmet == [("count", "0"), ("count", "0"), ("count", "8")], "met, not met, not applicable"
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)]).exit_code == 0
     linked = _Tags()

@@ -42,7 +42,7 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.markup import cells, command, fold, pairs, prose, stacked
+from hil_bridge.show.report.markup import Value, cells, command, fold, pairs, prose, stacked
 
 WORST = 30
 """Maximum number of failed runs listed individually, worst first. Chosen: longer lists are rarely read."""
@@ -274,8 +274,11 @@ def _counts(tally: Tally, planned: int, runs: Iterable[Done]) -> str:
 
 def _criteria(plan: Plan, runs: Sequence[Done]) -> str:
     section = criteria_section(criterion_results(plan, runs))
-    rows = [(one.title, *counts) for one, (_, *counts) in zip(plan.criteria, section.rows, strict=True)]
-    return f"<h2>{section.title}</h2>{cells(section.columns, rows, 'narrow values')}"
+    rows: list[Sequence[str | Value]] = [
+        (one.title, met, Value(unmet, "bad" * (unmet != "0")), *others)
+        for one, (_, met, unmet, *others) in zip(plan.criteria, section.rows, strict=True)
+    ]
+    return f"<h2>{section.title}</h2>{stacked(section.columns, rows, 1)}"
 
 
 def _figures(figures: Iterable[FigureResult]) -> str:

@@ -109,7 +109,8 @@ def _measure_of(plan: Plan, runs: Sequence[Done], by_case: Mapping[int, Sequence
         ((word, bound), *_) = criterion.limits.items()
         least = word in ("above", "at_least")
         shares = {
-            case: bound / (value or bound) if least else value / bound for case, value in values.items()
+            case: value / bound if not least else bound / value if value > 0.0 else _SHARE_MOST
+            for case, value in values.items()
         }
         return _Measure(texts, shares, f"{words} (required: {criterion.required})")
     shares = {}
