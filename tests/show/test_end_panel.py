@@ -1,6 +1,7 @@
 """Sentences about the end of a run, as a report and the page of a run show them."""
 
 import pytest
+from msgspec import structs
 
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.record.ending import Outcome, RunEnd
@@ -23,6 +24,15 @@ def test_pressing_tool_is_stated_before_next_step() -> None:
         ("Next: switch the motors on.", "todo"),
         ("Stopped after 2 s; cause: robot-state.", "quiet"),
     ]
+
+
+def test_next_step_has_no_facts() -> None:
+    panel = end_panel(
+        RunEnd(Outcome.STOPPED, structs.replace(REASON, facts="its status is now: stopped")), (), ""
+    )
+    texts = [line.text for line in panel.lines]
+    assert texts[1] == "Its status is now: stopped."
+    assert "Next: switch the motors on." in texts
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.record.analysis.definition import UNKNOWN, concise
@@ -38,6 +40,8 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """File names of the picture, by the kind of file."""
 EVENTS_MAX = 500
+_FIRST_PX = 130
+"""Height of the first chart on the page of the cell, px. Chosen: the cell is more than half of a screen."""
 
 
 def write_report(
@@ -104,6 +108,8 @@ def _known(figures: Iterable[Row]) -> Iterator[Row]:
 def cell_page(recording: Recording, summary: Summary) -> str:
     """Render how the run ended, the cell in three dimensions and the charts, as one HTML file."""
     charts, _ = run_charts(recording)
+    first, *others = charts.charts
+    charts = replace(charts, charts=[replace(first, height_px=_FIRST_PX), *others])
     return document(
         f"{run_title(recording)}, {summary.outcome}",
         f'<main class="hil-window">{_point(recording, summary)}\n{room("run", charts, first=1)}</main>',
