@@ -38,9 +38,7 @@ class BridgeError(Exception):
     def __init__(
         self, text: str = "", *, remedy: str = "", facts: str = "", cause: Cause | None = None
     ) -> None:
-        """Create the error. `text` states the fact, `facts` adds such as the device's status afterwards, and `remedy`
-        states what an operator can do.
-        """
+        """Create the error. `text` states the fact, `facts` further ones, and `remedy` what an operator can do."""
         super().__init__(text)
         self.remedy, self.facts = remedy, facts
         if cause is not None:

@@ -12,10 +12,9 @@ from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventKind, EventRecord, Recording
-from hil_bridge.record.analysis.definition import difference, relative_difference
+from hil_bridge.record.analysis.definition import difference
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.report.compare import BEGIN, compare_page, names_of
-from hil_bridge.show.report.markup import difference_bar
 from tests.record.written_recordings import cycle_of
 
 EVIL = "</script><script>alert(1)</script>"
@@ -112,7 +111,7 @@ def test_compare_of_two_runs_has_differences() -> None:
         f'<td class="{style}" data-title="{title}">{text}</td>' for style, title, text in values
     )
     assert "<th>b − a</th>" in page
-    assert line in page
+    assert f'{line}<td><i class="change"><b style="left:12%;width:38%;background:var(--c1)">' in page
     assert "<th>b − a</th>" not in compare_page({"a": first, "b": second, "c": third})
 
 
@@ -139,51 +138,27 @@ def test_compare_names_controller_and_warns_of_other_task() -> None:
     assert "</i>a</th>" in same
 
 
-def with_targets(recording: Recording, *targets_n: float) -> Recording:
-    """Return the run with these target forces, one cycle after another."""
-    cycles = enumerate(recording.cycles)
-    changed = (
-        structs.replace(one, force_reference=targets_n[k % len(targets_n)] if k > 20 else targets_n[0])
-        for k, one in cycles
-    )
-    return replace(recording, cycles=tuple(changed))
-
-
-def drawn(**runs: Recording) -> Any:
-    (text,) = re.findall(r'id="data-runs">(.*?)</script>', compare_page(runs), re.DOTALL)
-    return json.loads(text)
-
-
-def test_compare_draws_percent_if_targets_differ() -> None:
-    first = run(9.0, 20, {})
-    charts = drawn(a=first, b=with_targets(first, 12.0))
-    lines = [(one["label"], one["colour"], one.get("dashed")) for one in charts["charts"][0]["series"]]
-    assert lines == [("a", "1", None), ("target", "target", True), ("b", "2", None)]
-    assert charts["charts"][0]["unit"] == "% of the target"
-    assert "limits" not in charts["charts"][0]
-    forces = [max(charts["sources"][f"run{place}"]["force"]) for place in (0, 1)]
-    assert forces == [90.0, 75.0]
-    assert charts["axes"]["time"]["view"] == [-0.5, 3.0]
-    assert "view" not in drawn(a=first, b=first)["axes"]["time"]
-
-
-def test_compare_draws_each_target_if_one_changes() -> None:
-    first = run(9.0, 20, {})
-    charts = drawn(a=first, b=with_targets(first, 12.0, 11.0))
-    lines = [(one["label"], one["colour"], one.get("dashed")) for one in charts["charts"][0]["series"]]
-    assert lines == [("a", "1", None), ("a, target", "1", True), ("b", "2", None), ("b, target", "2", True)]
-    references = charts["sources"]["run1"]["force_reference"]
-    assert {*references[:20]} == {None}, "no target is in force during the approach"
-    assert {*references[20:]} == {11.0, 12.0}
-
-
 @pytest.mark.parametrize(
-    ("before", "after", "place"), [(2.0, 1.0, "left:25%;width:25%"), (1.0, 4.0, "left:50%;width:38%")]
+    ("changed", "labels", "largest", "view"),
+    [
+        (12.0, ["a", "target", "b"], 75.0, [-0.5, 3.0]),
+        (11.0, ["a", "a, target", "b", "b, target"], 9.0, None),
+    ],
 )
-def test_difference_bar_points_to_larger_value(before: float, after: float, place: str) -> None:
-    share = relative_difference(before, after, FIGURES["rms_error_n"])
-    colour = "--c2" if after > before else "--c1"
-    assert f'style="{place};background:var({colour})"' in difference_bar(share)
+def test_compare_draws_percent_of_constant_targets(
+    changed: float, labels: list[str], largest: float, view: list[float] | None
+) -> None:
+    first = run(9.0, 20, {})
+    cycles = [structs.replace(one, force_reference=12.0) for one in first.cycles]
+    cycles[-1] = structs.replace(cycles[-1], force_reference=changed)
+    page = compare_page({"a": first, "b": replace(first, cycles=tuple(cycles))})
+    (text,) = re.findall(r'id="data-runs">(.*?)</script>', page, re.DOTALL)
+    drawn = json.loads(text)
+    assert [one["label"] for one in drawn["charts"][0]["series"]] == labels
+    assert max(drawn["sources"]["run1"]["force"]) == largest
+    targets = [one["force_reference"] for one in drawn["sources"].values() if "force_reference" in one]
+    assert [{*one[:20]} for one in targets] == [{None}] * (len(labels) - 2), "no target before the contact"
+    assert drawn["axes"]["time"].get("view") == view
 
 
 def test_compare_describes_faults_in_words() -> None:

@@ -125,7 +125,7 @@ def test_live_page_and_report_share_marks_and_scales(
         source.take(record)
     source.take(step)
     source.end(wire.End(recording.end))
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     report, live = msgspec.to_builtins(charts), source.update_for(Cursor(), 0.0)
     assert {mark["text"].partition(":")[0] for mark in live["marks"]} >= {"stop", "fault", "1 (track)"}
     marks = sorted(live["marks"], key=lambda mark: mark["x"])
@@ -160,11 +160,10 @@ def test_page_reports_silence_and_unexpected_end(stopped: tuple[Scene, Recording
 
 
 def test_chart_continues_with_sensor_after_stop(stopped: tuple[Scene, Recording]) -> None:
-    scene, recording = stopped
-    source = RunSource(wire.Begin(scene, 0), 100.0)
-    for cycle in recording.cycles:
+    source = RunSource(wire.Begin(stopped[0], 0), 100.0)
+    for cycle in stopped[1].cycles:
         source.take(cycle)
-    last = recording.cycles[-1].answered_at
+    last = cycle.answered_at
 
     def forces(*frames: tuple[float, float]) -> list[float | None]:
         for after_s, force in frames:

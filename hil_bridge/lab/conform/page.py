@@ -69,7 +69,7 @@ def repeat_command(trial: Trial[Any], only: str, client: Sequence[str]) -> str:
 
 
 def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioResult[Any]]) -> str:
-    """Return the verdict in one sentence, with the first mistake of a single failure; the table has the others."""
+    """Return the verdict in one sentence; the table has the mistakes."""
     if len(results) == 1 and not failed:
         return f"{results[0].verdict.outcome.capitalize()}: {results[0].verdict.reason}."
     if not failed:
@@ -82,8 +82,7 @@ def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioRe
     names = f"{', '.join(others)} and {last}" if others else last
     if len(results) == 1:
         return f"Failed: {failed[0].verdict.reason}."
-    mistake = f": {failed[0].verdict.faults[0]}" if len(failed) == 1 else ""
-    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios{mistake}."
+    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:

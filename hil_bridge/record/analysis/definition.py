@@ -122,12 +122,6 @@ def difference(before: float, after: float, figure: Definition) -> str:
     return concise(rounded(after, figure) - rounded(before, figure), 1.0, form, unit)
 
 
-def relative_difference(before: float, after: float, figure: Definition) -> float:
-    """Return how much larger the displayed `after` is, as a share of the larger size of both."""
-    first, second = rounded(before, figure), rounded(after, figure)
-    return (second - first) / (max(abs(first), abs(second)) or 1.0)
-
-
 def rounded(value: float, figure: Definition) -> float:
     """Return a finite value in the displayed unit, rounded as `concise` formats it."""
     value *= figure.scale

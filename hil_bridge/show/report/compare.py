@@ -10,11 +10,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.definition import UNKNOWN, difference, relative_difference, rounded
+from hil_bridge.record.analysis.definition import UNKNOWN, difference, rounded
 from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
-from hil_bridge.record.analysis.why import why_values
+from hil_bridge.record.analysis.why import sentence, why_values
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.reader import Recording
@@ -29,16 +29,7 @@ from hil_bridge.show.report.bag_page import assumptions_table
 from hil_bridge.show.report.differences import ABSENT, between
 from hil_bridge.show.report.figures import contact_rows, figure_tables, merit_rows, response_rows
 from hil_bridge.show.report.identity import identity_rows
-from hil_bridge.show.report.markup import (
-    across,
-    badge,
-    difference_bar,
-    fold,
-    note,
-    prose,
-    setting_cells,
-    table,
-)
+from hil_bridge.show.report.markup import across, badge, fold, note, prose, setting_cells, table
 
 RUNS_MOST = 8
 """Maximum number of runs in a comparison, which is the number of distinguishable colours."""
@@ -103,7 +94,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     labels = _labels(runs, summaries)
-    charts, left_out = _charts(dict(zip(labels, runs.values(), strict=True)), align)
+    charts = _charts(dict(zip(labels, runs.values(), strict=True)), align)
     ours = _with_settings(runs)
     settings, only_some = _differing(ours)
     figures = [_figures_of(runs[name], summaries[name]) for name in runs]
@@ -111,11 +102,11 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     caution = _caution([*ours], [*settings, *only_some])
     merit = _figure_table(labels, summaries, figures, merits, best=not caution)
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{"" if caution else prose(_results(dict(zip(runs, figures, strict=True)), summaries))}
+<p class="point">{"" if caution else prose(_results(dict(zip(runs, figures, strict=True))))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
 {caution}
 <h2>Course</h2>
-{room("runs", charts, first=1)}{note(left_out)}
+{room("runs", charts, first=1)}
 <div class="pair"><section><h2>Figures of merit</h2>{merit}</section>
 <section>{_settings(ours, settings, only_some)}</section></div>
 <h2>How they ended</h2>
@@ -151,25 +142,14 @@ def _caution(names: Sequence[str], settings: Sequence[tuple[str, ...]]) -> str:
     return f'<p class="bar caution"><b>Different tasks:</b>{text}</p>'
 
 
-def _results(figures: Mapping[str, Mapping[str, str]], summaries: Mapping[str, Summary]) -> str:
-    """Return the most important figures of each run in one sentence, with the controllers if they differ; empty if
-    there are too many runs.
-    """
-    if len(figures) > _RESULTS_MOST:
-        return ""
-    differ = len({one.controller for one in summaries.values()}) > 1
-    laws = {name: f" ({one.controller})" * bool(differ and one.controller) for name, one in summaries.items()}
+def _results(figures: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the most important figures of each run in one sentence; empty if there are too many runs."""
     parts = []
     for label in _RESULTS:
-        values = {
-            name: texts[label] for name, texts in figures.items() if texts.get(label, UNKNOWN) != UNKNOWN
-        }
-        if values:
-            parts.append(
-                f"{label} {', '.join(f'{text} in `{name}`{laws[name]}' for name, text in values.items())}"
-            )
-    text = unbreakable("; ".join(parts))
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
+        values = {name: texts.get(label, UNKNOWN) for name, texts in figures.items()}
+        known = [f"{text} in `{name}`" for name, text in values.items() if text != UNKNOWN]
+        parts += [f"{label} {', '.join(known)}"] * bool(known)
+    return sentence(unbreakable("; ".join(parts))) if len(figures) <= _RESULTS_MOST else ""
 
 
 def _point(summaries: Sequence[Summary], keys: Sequence[str]) -> str:
@@ -247,7 +227,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     raise ConfigError("compare was given the same file twice; name each recording once")
 
 
-def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
+def _charts(runs: Mapping[str, Recording], align: str) -> Charts:
     sources = Sources()
     series: dict[str, list[Series]] = {chart: [] for chart in COMPARED}
     marks: list[Mark] = []
@@ -283,30 +263,25 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
         replace(
             chart, title=_title(chart), series=series[chart.id], bands=[], limits=_same_limits(chart, runs)
         )
+        if not targets or chart.id != "force"
+        else replace(
+            chart, unit="% of the target", series=series["force"], bands=[], limits=[], least_span=20.0
+        )
         for chart in catalogue(facts_of_recording(next(iter(runs.values()))))
         if series.get(chart.id)
     ]
-    if targets:
-        charts = [_in_percent(one) if one.id == "force" else one for one in charts]
     label = "time since contact" if align == TOUCH else "time since the run began"
     layers = [Layer(f"run{place}", name) for place, name in enumerate(runs)]
     axis = Axis(label, "s", view=_TOUCH_S if targets and align == TOUCH else None)
-    return Charts({"time": axis}, charts, sources.held, marks, layers=layers), sources.sentence()
+    return Charts({"time": axis}, charts, sources.held, marks, layers=layers)
 
 
 def _targets(recordings: Sequence[Recording]) -> tuple[bool, Sequence[float]]:
     """Return whether the targets of the runs differ, and the target of each run, N, if they differ and none changes."""
     each = [{cycle.force_reference for cycle in recording.cycles} for recording in recordings]
-    ours = [one for one, recording in zip(each, recordings, strict=True) if recording.foreign is None]
-    differ = len(set().union(*ours)) != 1
-    steady = all(len(one) == 1 and min(one) > 0.0 for one in each)
+    ours = (one for one, recording in zip(each, recordings, strict=True) if recording.foreign is None)
+    differ, steady = len(set().union(*ours)) != 1, all(len(one) == 1 and min(one) > 0.0 for one in each)
     return differ, [min(one) for one in each] if differ and steady else []
-
-
-def _in_percent(chart: Chart) -> Chart:
-    return replace(
-        chart, title="Force along the approach", unit="% of the target", limits=(), least_span=20.0
-    )
 
 
 def _title(chart: Chart) -> str:
@@ -385,9 +360,12 @@ def _figure_cells(titles: Sequence[str], row: Sequence[str], best: Collection[in
 
 
 def _change_cells(title: str, text: str, share: float) -> str:
-    """Render a difference as text and as a bar."""
-    style = "count" if share else "count quiet"
-    bar = difference_bar(share) * bool(text)
+    """Render a difference as text, and as a bar towards the run with the larger value, in its colour."""
+    width, style = 50.0 * min(abs(share), 1.0), "count" if share else "count quiet"
+    place = (
+        f"left:{50.0 - width * (share < 0.0):.0f}%;width:{width:.0f}%;background:var(--c{1 + (share > 0.0)})"
+    )
+    bar = f'<i class="change"><b style="{place}"></b></i>' * bool(text)
     return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td><td>{bar}</td>'
 
 
@@ -410,14 +388,14 @@ def _changes(first: Summary, second: Summary) -> dict[str, tuple[str, float]]:
     only of figures that both have.
     """
     one, other = ({**run.figures, **run.response, **run.contact} for run in (first, second))
-    values = (
-        (figure, one.get(figure.key), other.get(figure.key)) for figure in (*MERIT, *RESPONSE, *CONTACT)
-    )
-    return {
-        figure.words: (difference(before, after, figure), relative_difference(before, after, figure))
-        for figure, before, after in values
-        if before is not None and after is not None and math.isfinite(before) and math.isfinite(after)
-    }
+    changes = {}
+    for figure in (*MERIT, *RESPONSE, *CONTACT):
+        before, after = one.get(figure.key), other.get(figure.key)
+        if before is not None and after is not None and math.isfinite(before) and math.isfinite(after):
+            small, large = sorted(rounded(value, figure) for value in (before, after))
+            share = (large - small) / (max(abs(small), abs(large)) or 1.0)
+            changes[figure.words] = difference(before, after, figure), share if after > before else -share
+    return changes
 
 
 def _figure_lines(

@@ -98,15 +98,6 @@ def setting_cells(titles: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     return table(body, "narrow settings values", head)
 
 
-def difference_bar(share: float) -> str:
-    """Render a difference as a bar from the middle to the right, or to the left if it is negative. `share` is the
-    difference of two values as a share of the larger one. The bar has the colour of the run with the larger value.
-    """
-    width = 50.0 * min(abs(share), 1.0)
-    left, colour = (50.0, "var(--c2)") if share > 0.0 else (50.0 - width, "var(--c1)")
-    return f'<i class="change"><b style="left:{left:.0f}%;width:{width:.0f}%;background:{colour}"></b></i>'
-
-
 def fold(section: str, name: str = "") -> str:
     """Fold a section below its heading, which the reader opens. An empty section stays empty.
 
