@@ -119,7 +119,9 @@ def test_page_begins_with_verdict_and_escapes_client() -> None:
     failed = replace(run_scenario(EgmClient, "blind", "stopped"), output="<b>\x1b[2J\n")
     passed = replace(failed, name="nominal", verdict=Verdict(Outcome.PASSED, "moved"))
     text = conform_page(robot_trial(), [passed, failed], COMMAND, TESTED_AT)
-    verdict = "The client failed <code>stopped</code>, 1 of 2 scenarios."
+    verdict = (
+        "The client failed <code>stopped</code>, 1 of 2 scenarios: sent 125 motion orders after the stop"
+    )
     assert (
         text.index(verdict) < text.index('<table class="verdicts">') < text.index('<figure class="timeline">')
     )

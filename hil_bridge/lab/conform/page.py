@@ -69,7 +69,7 @@ def repeat_command(trial: Trial[Any], only: str, client: Sequence[str]) -> str:
 
 
 def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioResult[Any]]) -> str:
-    """Return the verdict in one sentence; the table has the mistakes."""
+    """Return the verdict in one sentence, with the first mistake of a single failure; the table has the others."""
     if len(results) == 1 and not failed:
         return f"{results[0].verdict.outcome.capitalize()}: {results[0].verdict.reason}."
     if not failed:
@@ -82,7 +82,8 @@ def _verdict(results: Sequence[ScenarioResult[Any]], failed: Sequence[ScenarioRe
     names = f"{', '.join(others)} and {last}" if others else last
     if len(results) == 1:
         return f"Failed: {failed[0].verdict.reason}."
-    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios."
+    mistake = f": {failed[0].verdict.faults[0]}" if len(failed) == 1 else ""
+    return f"The client failed {names}, {len(failed)} of {len(results)} scenarios{mistake}."
 
 
 def _table(results: Sequence[ScenarioResult[Any]]) -> str:
