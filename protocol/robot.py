@@ -33,6 +33,8 @@ class RobotReport(NamedTuple):
     """
     remedy: str = ""
     """Remedy for the fault, for an operator; empty if none is known."""
+    facts: str = ""
+    """Further facts about the fault, such as recent messages of the robot."""
 
 
 def orientation_fault(quaternion: Quaternion) -> str:

@@ -96,7 +96,7 @@ async def take_reports(page: Page, folder: Path, place: Path) -> None:
 def draw_maps(place: Path) -> None:
     """Draw the maps of a program, each above its chart."""
     recording = hil_bridge.simulate(DOME).recording
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     with matplotlib.rc_context(STYLE):
         for name, (describe, chart_id, heights) in MAPS.items():
             figure = Figure(figsize=(10.0, sum(heights) / 100.0), dpi=100)

@@ -35,10 +35,12 @@ class BridgeError(Exception):
     late_s: float = 0.0
     """Longest time by which this computer was late during the previous second, s; 0 if it was on time."""
 
-    def __init__(self, text: str = "", *, remedy: str = "", cause: Cause | None = None) -> None:
-        """Create the error. `text` states the fact; `remedy` adds further facts, and what an operator can do."""
+    def __init__(
+        self, text: str = "", *, remedy: str = "", facts: str = "", cause: Cause | None = None
+    ) -> None:
+        """Create the error. `text` states the fact, `facts` further ones, and `remedy` what an operator can do."""
         super().__init__(text)
-        self.remedy = remedy
+        self.remedy, self.facts = remedy, facts
         if cause is not None:
             self.cause = cause
 
@@ -63,10 +65,10 @@ class BridgeError(Exception):
 
     def reason(self, otherwise: Cause) -> Reason:
         """Return the error as a value. `otherwise` is its cause if none is set."""
-        return Reason(self.cause or otherwise, self.fact, self.remedy, late_s=self.late_s)
+        return Reason(self.cause or otherwise, self.fact, self.remedy, late_s=self.late_s, facts=self.facts)
 
     def __str__(self) -> str:
-        return "; ".join(filter(None, (self.fact, describe_lateness(self.late_s), self.remedy)))
+        return "; ".join(filter(None, (self.fact, describe_lateness(self.late_s), self.facts, self.remedy)))
 
     def __reduce__(self) -> tuple[object, ...]:
         return (type(self), self.args, self.__dict__)

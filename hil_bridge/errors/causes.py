@@ -168,11 +168,13 @@ class Reason(Struct, frozen=True):
     text: str = ""
     """Description of the fact, including its values."""
     remedy: str = ""
-    """Further facts, and what an operator can do."""
+    """What an operator can do."""
     step: str = ""
     """Label of the program's step in which the cause arose; empty if there is none."""
     late_s: float = 0.0
     """Longest time by which this computer was late during the previous second, s; 0 if it was on time."""
+    facts: str = ""
+    """Further facts about the cause, such as the device's status afterwards."""
 
     @property
     def fact(self) -> str:
@@ -186,4 +188,4 @@ class Reason(Struct, frozen=True):
         return self if self.step else structs.replace(self, step=label)
 
     def __str__(self) -> str:
-        return "; ".join(filter(None, (self.fact, describe_lateness(self.late_s), self.remedy)))
+        return "; ".join(filter(None, (self.fact, describe_lateness(self.late_s), self.facts, self.remedy)))

@@ -83,6 +83,7 @@ class RunEnd:
             "text": "" if self.reason is None else self.reason.text,
             "remedy": "" if self.reason is None else self.reason.remedy,
             "step": "" if self.reason is None else self.reason.step,
+            "facts": "" if self.reason is None else self.reason.facts,
             "late_s": json.dumps(0.0 if self.reason is None else self.reason.late_s),
             "line_floor_s": json.dumps(self.line_floor_s),
             "link": json.dumps(dict(self.link), sort_keys=True),
@@ -100,7 +101,9 @@ def reason_of(end: Mapping[str, str]) -> Reason | None:
     if end.get("cause", "") not in set(Cause):
         return None
     texts = end.get("text", ""), end.get("remedy", ""), end.get("step", "")
-    return Reason(Cause(end["cause"]), *texts, late_s=_seconds(end.get("late_s", "")))
+    return Reason(
+        Cause(end["cause"]), *texts, late_s=_seconds(end.get("late_s", "")), facts=end.get("facts", "")
+    )
 
 
 def _seconds(text: str) -> float:

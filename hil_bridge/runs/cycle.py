@@ -120,8 +120,8 @@ class Run:
             error.late_s = self._journal.late_s
             first = self.ending.failed
             if first and not self.moving:
-                remedy = "; ".join(filter(None, (first.remedy, f"then {error}")))
-                raise DeviceError(first.fact, remedy=remedy, cause=first.cause) from error
+                facts = "; ".join(filter(None, (first.facts, f"then {error}")))
+                raise DeviceError(first.fact, remedy=first.remedy, facts=facts, cause=first.cause) from error
             raise
         finally:
             self._journal.heart.stop()
@@ -313,8 +313,7 @@ class Run:
             self._zeroing.axes.tracked = True
         if decision.intent.failed and decision.intent.reason is not None:
             failed = self._loop.program.where(after.program, decision.intent.reason)
-            remedy = "; ".join(filter(None, (failed.remedy, self._sensor.stands)))
-            self._journal.blame(replace(failed, remedy=remedy))
+            self._journal.blame(replace(failed, facts=self._sensor.stands))
         if decision.stands:
             sent = await cancel_orders(motion)
         else:

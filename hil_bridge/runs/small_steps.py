@@ -81,7 +81,9 @@ class SmallSteps:
         while True:
             report = await self._robot.report()
             if report.fault:
-                raise SafetyStop(report.fault, remedy=report.remedy, cause=Cause.LIFT_STATE)
+                raise SafetyStop(
+                    report.fault, remedy=report.remedy, facts=report.facts, cause=Cause.LIFT_STATE
+                )
             position = report.pose.position
             apart = math.dist(position, target)
             if apart <= FOLLOWS_M:

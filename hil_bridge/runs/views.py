@@ -92,10 +92,11 @@ def health_of(run: Running | None) -> Health:
     """Return the state of a run's links. `run` is None while the devices are not open."""
     if run is None:
         return Health()
-    counters, newest = run.robot.counters, run.sensor.newest
+    counters, newest, peaks = run.robot.counters, run.sensor.newest, run.sensor.peaks
     return Health(
         link_errors=sum(counters.get(name, 0) for name in run.facts.errors),
         frames_lost=run.sensor.lost,
         sensor_at=None if newest is None else newest.at,
         link=dict(counters),
+        force=None if newest is None or peaks is None else peaks.along(newest.values),
     )

@@ -111,7 +111,7 @@ def test_compare_of_two_runs_has_differences() -> None:
         f'<td class="{style}" data-title="{title}">{text}</td>' for style, title, text in values
     )
     assert "<th>b − a</th>" in page
-    assert line in page
+    assert f'{line}<td><i class="change"><b style="left:12%;width:38%;background:var(--c1)">' in page
     assert "<th>b − a</th>" not in compare_page({"a": first, "b": second, "c": third})
 
 
@@ -138,17 +138,27 @@ def test_compare_names_controller_and_warns_of_other_task() -> None:
     assert "</i>a</th>" in same
 
 
-def test_compare_draws_target_of_each_run_if_they_differ() -> None:
+@pytest.mark.parametrize(
+    ("changed", "labels", "largest", "view"),
+    [
+        (12.0, ["a", "target", "b"], 75.0, [-0.5, 3.0]),
+        (11.0, ["a", "a, target", "b", "b, target"], 9.0, None),
+    ],
+)
+def test_compare_draws_percent_of_constant_targets(
+    changed: float, labels: list[str], largest: float, view: list[float] | None
+) -> None:
     first = run(9.0, 20, {})
-    second = replace(first, cycles=tuple(structs.replace(one, force_reference=12.0) for one in first.cycles))
-    (text,) = re.findall(r'id="data-runs">(.*?)</script>', compare_page({"a": first, "b": second}), re.DOTALL)
+    cycles = [structs.replace(one, force_reference=12.0) for one in first.cycles]
+    cycles[-1] = structs.replace(cycles[-1], force_reference=changed)
+    page = compare_page({"a": first, "b": replace(first, cycles=tuple(cycles))})
+    (text,) = re.findall(r'id="data-runs">(.*?)</script>', page, re.DOTALL)
     drawn = json.loads(text)
-    lines = [(one["label"], one["colour"], one.get("dashed")) for one in drawn["charts"][0]["series"]]
-    assert lines == [("a", "1", None), ("a, target", "1", True), ("b", "2", None), ("b, target", "2", True)]
-    assert {*drawn["sources"]["run1"]["force_reference"][:20]} == {None}, (
-        "no target is in force during the approach"
-    )
-    assert {*drawn["sources"]["run1"]["force_reference"][20:]} == {12.0}
+    assert [one["label"] for one in drawn["charts"][0]["series"]] == labels
+    assert max(drawn["sources"]["run1"]["force"]) == largest
+    targets = [one["force_reference"] for one in drawn["sources"].values() if "force_reference" in one]
+    assert [{*one[:20]} for one in targets] == [{None}] * (len(labels) - 2), "no target before the contact"
+    assert drawn["axes"]["time"].get("view") == view
 
 
 def test_compare_describes_faults_in_words() -> None:

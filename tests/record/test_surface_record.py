@@ -362,7 +362,7 @@ def test_position_without_deflection_is_reported(recordings: Recordings) -> None
 
 def test_report_of_compliant_arm_contains_deflection(recordings: Recordings) -> None:
     recording = recordings(COMPLIANT)
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     (chart,) = (one for one in charts.charts if one.id == "deflection")
     back, across = (charts.sources[one.source][one.column] for one in chart.series)
     assert back == pytest.approx([1e6 * one.deflection[2] for one in recording.truths], rel=1e-5, abs=1e-3)
@@ -383,7 +383,7 @@ def test_deflection_of_rigid_or_unknown_arm_is_not_drawn(recordings: Recordings)
     assert {truth.deflection for truth in rigid.truths} == {(0.0, 0.0, 0.0)}
     unknown = tuple(replace(truth, deflection=(math.nan,) * 3) for truth in recordings(COMPLIANT).truths)
     for recording in (rigid, dataclasses.replace(recordings(COMPLIANT), truths=unknown)):
-        charts, _ = run_charts(recording)
+        charts = run_charts(recording)
         assert "deflection" not in {chart.id for chart in charts.charts}
         assert "deflected" not in report_text(recording)
 

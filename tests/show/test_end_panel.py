@@ -6,7 +6,9 @@ from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.record.ending import Outcome, RunEnd
 from hil_bridge.show.charts.end_panel import end_panel
 
-REASON = Reason(Cause.ROBOT_STATE, "the motors are off", "switch the motors on")
+REASON = Reason(
+    Cause.ROBOT_STATE, "the motors are off", "switch the motors on", facts="its status is: stopped"
+)
 LEFT = {
     "left": "NOT retracted",
     "place": "left at 3.5 mm, 10.1 N",
@@ -19,6 +21,7 @@ def test_pressing_tool_is_stated_before_next_step() -> None:
     texts = [(line.text.replace("\u00a0", " "), line.style) for line in panel.lines]
     assert texts == [
         ("The motors are off.", "lead"),
+        ("Its status is: stopped.", ""),
         ("The tool was left at 3.5 mm, 10.1 N measured; `hil-bridge free` lifts it off.", "alarm"),
         ("Next: switch the motors on.", "todo"),
         ("Stopped after 2 s; cause: robot-state.", "quiet"),

@@ -93,7 +93,7 @@ def test_page_without_program_omits_steps_section(recording: Recording) -> None:
 
 
 def test_charts_show_feed_and_normal_and_map_shows_path(recording: Recording) -> None:
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     by_id = {chart.id: chart for chart in charts.charts}
     assert {"feed", "normal"} < set(by_id)
     texts = [span.text for span in charts.spans]
@@ -126,7 +126,7 @@ def test_charts_without_values_are_omitted(recording: Recording) -> None:
         for cycle in recording.cycles
     )
     stationary = Recording(cycles, steps=recording.steps)
-    charts, _ = run_charts(stationary)
+    charts = run_charts(stationary)
     assert not {"feed", "normal", "way"} & {chart.id for chart in charts.charts}
     assert path_map(stationary) is None
     assert path_map(without_program(recording)) is None

@@ -193,7 +193,7 @@ def test_failed_retraction_depends_on_value_only(retracted: bool, style: str, la
     recording = dataclasses.replace(run(), end=end.as_metadata(), events=events)
     text = page(recording, summarise(recording))
     assert f'<p class="{style}">The tool was somewhere' in text
-    assert f"<td>{label}</td>" in text
+    assert f'"text":"{label}"' in text
     assert [span["text"] for span in chart_data(text)["spans"] if span["kind"] == "retract"] == [label]
 
 
@@ -229,7 +229,6 @@ def test_page_of_long_run_is_bounded_and_keeps_peaks() -> None:
     recording = dataclasses.replace(recording, cycles=tuple(cycles), sensors=())
     text = page(recording, summarise(recording, END))
     assert len(text) < 2_000_000
-    assert "Of more than 4000 rows, a chart holds" in text
     force = chart_data(text)["sources"]["cycle/force"]
     assert len(force["x"]) <= 4000
     assert force["x"] == sorted(force["x"])

@@ -237,6 +237,15 @@ async def test_folded_scene_is_drawn_when_link_opens_it(
     assert page.errors == []
 
 
+async def test_path_has_colours_of_error_unless_it_is_flat(page: Page, saved: Path) -> None:
+    await page.open(saved.as_uri())
+    await page.until(DRAWN)
+    assert await page.value("hilCell.now") == "deviation"
+    flat = "for (const one of Object.values(hilCell.tables)) if (one.target) one.force = one.target.slice()"
+    await page.value(f"(() => {{ {flat}; hilCell.path = null; hilCell.draw(performance.now()); }})()")
+    assert await page.value("[hilCell.now, hilCell.select.value]") == ["force", "force"]
+
+
 async def test_scene_draws_while_paths_are_coloured(page: Page, saved: Path) -> None:
     await page.open(saved.as_uri())
     await page.until(DRAWN)

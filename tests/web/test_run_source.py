@@ -19,7 +19,7 @@ from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
-from hil_bridge.show.web.run_source import EVENTS, Cursor, RunSource
+from hil_bridge.show.web.run_source import EVENTS, REST_S, Cursor, RunSource
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 
@@ -125,7 +125,7 @@ def test_live_page_and_report_share_marks_and_scales(
         source.take(record)
     source.take(step)
     source.end(wire.End(recording.end))
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     report, live = msgspec.to_builtins(charts), source.update_for(Cursor(), 0.0)
     assert {mark["text"].partition(":")[0] for mark in live["marks"]} >= {"stop", "fault", "1 (track)"}
     marks = sorted(live["marks"], key=lambda mark: mark["x"])
@@ -157,6 +157,23 @@ def test_page_reports_silence_and_unexpected_end(stopped: tuple[Scene, Recording
     assert source.update_for(Cursor(), 107.5)["now"]["silent_s"] == 7.5
     source.lost()
     assert source.update_for(Cursor(), 107.5)["end"]["outcome"] == "gone"
+
+
+def test_chart_continues_with_sensor_after_stop(stopped: tuple[Scene, Recording]) -> None:
+    source = RunSource(wire.Begin(stopped[0], 0), 100.0)
+    for cycle in stopped[1].cycles:
+        source.take(cycle)
+    last = cycle.answered_at
+
+    def forces(*frames: tuple[float, float]) -> list[float | None]:
+        for after_s, force in frames:
+            source.pulse(wire.Pulse(last + after_s, Health(sensor_at=last + after_s, force=force)), 100.0)
+        rows = source.update_for(Cursor(), 100.0)["rows"]["cycle"]
+        return [force for force, depth in zip(rows["force"], rows["depth"], strict=True) if depth is None]
+
+    assert forces((1.0, 7.0)) == [], "a run that is late has not stopped"
+    source.take(EventRecord(last + 0.01, EventKind.STOP, "the motors are off", cause=Cause.ROBOT_STATE))
+    assert forces((REST_S, 7.0), (1.2, 8.0), (1.2, 8.0), (1.4, 9.0)) == [8.0, 9.0]
 
 
 def test_sensor_age_between_pulses_is_that_of_the_pulse(stopped: tuple[Scene, Recording]) -> None:

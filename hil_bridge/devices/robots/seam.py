@@ -60,7 +60,7 @@ def fault_reason(report: RobotReport) -> Reason | None:
     if not report.fault:
         return None
     cause = Cause.ORIENTATION if orientation_fault(report.pose.quaternion) else Cause.ROBOT_STATE
-    return Reason(cause, report.fault, report.remedy)
+    return Reason(cause, report.fault, report.remedy, facts=report.facts)
 
 
 TURN_SPEED_RAD_S = math.radians(20.0)

@@ -224,13 +224,11 @@ class StreamedLink(Generic[Data]):
         newest = self._newest
         if newest is None:
             seconds, remedy = max(seconds, round(self._clock.now() - self._listened_from, 1)), _START
-        before = (
-            f"; before that, {Trouble(newest.fault, newest.remedy)}"
-            if newest is not None and newest.fault
-            else ""
-        )
+        before = ""
+        if newest is not None and newest.fault:
+            before, remedy = f"before that, {newest.fault}", newest.remedy or remedy
         text = f"robot on {self.name} sent nothing for {seconds:g} s"
-        return RobotSilent(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
+        return RobotSilent(text, remedy=remedy, facts=before, cause=Cause.DEAD_LINK)
 
     def _ended(self, cause: BaseException) -> None:
         blame(cause, self._client, "receive")

@@ -4,7 +4,7 @@ import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hil_bridge.show.pages.timeline import Moment, Tone
+from hil_bridge.show.pages.timeline import Interval, Moment, Tone
 
 
 @dataclass(slots=True)
@@ -49,6 +49,11 @@ def describe_code(code: int) -> str:
         return f"by {signal.Signals(-code).name}"
     except ValueError:
         return f"by signal {-code}"
+
+
+def allowed_time(begin: float, react_s: float) -> Interval:
+    """Return the time to react after a fault at `begin`, s, as an interval across all lanes."""
+    return Interval("", begin, begin + react_s, Tone.WARN, f"{react_s * 1e3:g} ms to react")
 
 
 def end_moments(ending: Ending, end_s: float) -> Iterator[Moment]:

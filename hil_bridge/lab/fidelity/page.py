@@ -24,7 +24,6 @@ _SCALES = {"rad": (1e3, "mrad"), "rad/s": (1e3, "mrad/s"), "m": (1e3, "mm")}
 def fidelity_page(name: str, compared: Compared) -> str:
     """Render the page of a comparison; `name` is the name of the recording."""
     comparison = compared.comparison
-    charts, left_out = _charts(compared)
     title = f"{name} against the emulated {comparison.kind}"
     sections = "\n".join(
         f"<h3>{escape(heading)}</h3>\n{cells(_TITLES, rows, 'narrow')}"
@@ -35,7 +34,7 @@ def fidelity_page(name: str, compared: Compared) -> str:
 <p>{comparison.samples} samples over {comparison.seconds:.2f} s. The recording's inputs were replayed to the emulated
 device. The charts omit a constant offset between both. Below each quantity is its deviation from its own input.</p>
 <h2>Course</h2>
-{room("fidelity", charts)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
+{room("fidelity", _charts(compared))}
 <h2>Figures</h2>
 <p class="quiet">Distance is emulated minus measured for times, and their ratio for all other figures.</p>
 {sections}
@@ -43,14 +42,14 @@ device. The charts omit a constant offset between both. Below each quantity is i
     return document(title, body)
 
 
-def _charts(compared: Compared) -> tuple[Charts, str]:
+def _charts(compared: Compared) -> Charts:
     sources = Sources()
     charts = [
         chart for line in compared.comparison.lines for chart in _of_line(line, compared.sides, sources)
     ]
     layers = [Layer(side, side) for side in _COLOURS]
     axis = Axis("time since the recording began", "s")
-    return Charts({"time": axis}, charts, sources.held, layers=layers), sources.sentence()
+    return Charts({"time": axis}, charts, sources.held, layers=layers)
 
 
 def _of_line(line: Line, sides: Sides, sources: Sources) -> Iterator[Chart]:

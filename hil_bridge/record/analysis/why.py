@@ -335,8 +335,10 @@ class _Ending:
                 checks.insert(0, LOOK[Part.COMPUTER])
         if self._end.retracted is False and is_beyond_run(self._recording):
             checks.append("lift the tool off with `hil-bridge free`")
-        remedy = f"The message continues: {reason.remedy}. " if reason is not None and reason.remedy else ""
-        return remedy + (f"Check: {'; '.join(checks)}." if checks else "")
+        more = "" if reason is None else "; ".join(filter(None, (reason.facts, reason.remedy)))
+        return f"The message continues: {more}. " * bool(more) + (
+            f"Check: {'; '.join(checks)}." if checks else ""
+        )
 
     def _fill_names(self, text: str) -> str:
         """Insert the kinds of robot and sensor of this run, and the name of its recording."""

@@ -119,6 +119,12 @@ class Columns:
         self._skipped.clear()
         self._add("cycle", row)
 
+    def frame(self, at: float, force: float, after: float) -> None:
+        """Add the force along the approach in a sensor frame that no cycle uses, if it arrived after `after`, s."""
+        rows = self._rows["cycle"]
+        if at > after and rows and at - self._began > _number(rows[-1][0]):
+            self._add("cycle", (at - self._began, force, *[None] * (len(CYCLE) - 2)))
+
     def _extremes(self, after: Row) -> list[Row]:
         """Return the skipped rows with the smallest and largest force.
 

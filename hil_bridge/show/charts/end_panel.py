@@ -72,6 +72,8 @@ def _lines(end: RunEnd, faults: Sequence[str], when: str, lift: bool) -> Iterato
         facts, when = [when] * bool(when), ""
     for place, text in enumerate(facts):
         yield EndLine(sentence(text), "" if place else "lead")
+    if reason is not None and reason.facts:
+        yield EndLine(sentence(reason.facts))
     for followed in end.followed:
         yield EndLine(f"Then: {followed.fact}.")
     known = end.place and end.rest.get("force_n") is not None and not end.rest.get("unverified")

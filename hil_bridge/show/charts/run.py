@@ -13,14 +13,14 @@ from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages.description import Charts, Mark, Span
 
 
-def run_charts(recording: Recording) -> tuple[Charts, str]:
-    """Return the charts of a run, and a sentence about omitted rows."""
+def run_charts(recording: Recording) -> Charts:
+    """Return the charts of a run."""
     zero, facts = start_time(recording), facts_of_recording(recording)
     tables = run_tables(recording, zero, facts)
     sources = Sources()
     charts = [sources.chart(chart, tables) for chart in with_values(catalogue(facts), tables)]
     begin = "the run began" if recording.foreign is None else "the first sample"
-    described = Charts(
+    return Charts(
         axes={"time": time_axis(wall_start_s(recording, zero), begin)},
         charts=charts,
         sources=sources.held,
@@ -28,7 +28,6 @@ def run_charts(recording: Recording) -> tuple[Charts, str]:
         spans=run_spans(recording, zero),
         layers=layers(TRUTH in tables, STREAM in tables),
     )
-    return described, sources.sentence()
 
 
 def run_tables(recording: Recording, zero: float, facts: ChartFacts) -> Mapping[str, Arrays]:

@@ -28,8 +28,6 @@ class Sources:
 
     def __init__(self) -> None:
         self.held: dict[str, dict[str, list[float | None]]] = {}
-        self.is_decimated = False
-        """Whether any source had more rows than a chart holds."""
 
     def chart(self, chart: Chart, tables: Mapping[str, Arrays]) -> Chart:
         """Add the columns that a chart needs; return the chart with the names of the sources that contain them."""
@@ -59,22 +57,12 @@ class Sources:
             source = self.held.setdefault(name, {"x": round_times(x[order])})
         else:
             order = order[kept_rows([column[order] for column in columns.values()], len(order))]
-            self.is_decimated = True
             name = f"{name}/{chart}"
             source = self.held.setdefault(name, {"x": round_times(x[order])})
         for column, values in columns.items():
             if column not in source:
                 source[column] = round_values(values[order])
         return name
-
-    def sentence(self) -> str:
-        """Return a sentence about omitted samples; empty if no samples are omitted."""
-        if not self.is_decimated:
-            return ""
-        return (
-            f"Of more than {ROWS_MOST} rows, a chart holds the least and the greatest value of each interval, so no"
-            " peak is lost. The recording holds every row."
-        )
 
 
 def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:

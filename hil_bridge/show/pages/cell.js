@@ -11,7 +11,7 @@
 "use strict";
 var HilCell = (() => {
   const {plus, minus, size, unit, posed, along, camera, projected, point} = HilSpace;
-  const REBUILD_MS = 300, STILL_MS = 200, LIVE_MS = 100, MARK_MS = 100, COARSE = 0.75, CUT_M = 0.03, WIDEST = 1.0, SPLIT_PX = 600, GHOST_M = 0.003, SPEEDS = [1, 4, 16];
+  const REBUILD_MS = 300, STILL_MS = 200, LIVE_MS = 100, MARK_MS = 100, COARSE = 0.75, CUT_M = 0.03, WIDEST = 1.0, SPLIT_PX = 600, GHOST_M = 0.003, FLAT = 0.01, SPEEDS = [1, 4, 16];
   const PAINTS = {force: ["Force", "N", "amount"], deviation: ["Force error", "N", "sign"], removed: ["Removed depth at the end", "µm", "amount"]};
   const element = (tag, name, text) => {
     const made = document.createElement(tag);
@@ -82,7 +82,7 @@ var HilCell = (() => {
 
     view(name) { this.near = name; this.soon(); }
 
-    paint(name) { this.now = name; if (this.select) this.select.value = name; this.path = null; this.wear = null; this.soon(); }
+    paint(name) { this.now = this.chosen = name; if (this.select) this.select.value = name; this.path = null; this.wear = null; this.soon(); }
 
     play() {
       const {x} = this.tables.cycle;
@@ -165,7 +165,6 @@ var HilCell = (() => {
       this.had = had.join();
       this.select.replaceChildren(...had.map(name => { const one = element("option", "", PAINTS[name].slice(0, 2).join(", ")); one.value = name; return one; }));
       this.select.hidden = had.length < 2;
-      this.select.value = this.now;
     }
 
     // ---- the moment
@@ -296,6 +295,7 @@ var HilCell = (() => {
     trace(now) {
       const dense = this.tables.path.x.length > 0, cycle = dense ? this.tables.path : this.tables.cycle, touching = cycle.x.map((x, k) => k).filter(k => cycle.touch[k] && cycle.force[k] !== null);
       const {up} = this.model;
+      if (this.options.bar && !this.chosen) this.now = this.varies(cycle, touching) ? "deviation" : "force";
       const deviation = this.now === "deviation", value = k => (deviation ? cycle.force[k] - cycle.target[k] : cycle.force[k]);
       const used = touching.filter(k => !deviation || cycle.target[k] !== null), risen = used.filter(k => !deviation || cycle.force[k] > 0.8 * cycle.target[k]);
       const [low, high] = this.range = this.now === "removed" ? [0, this.model.removed.most] : this.domain(risen.map(value));
@@ -311,7 +311,13 @@ var HilCell = (() => {
       if (!this.turned) this.cameras = {};
       this.stale = false; this.drawn = now;
       this.choices();
+      this.select.value = this.now;
       this.legend(stops);
+    }
+
+    varies(rows, touching) {   // whether the force error after the rise is more than a small share of the target
+      const errors = touching.filter(k => rows.target[k] !== null && rows.force[k] > 0.8 * rows.target[k]).map(k => Math.abs(rows.force[k] / rows.target[k] - 1)).sort((a, b) => a - b);
+      return errors[Math.floor(0.98 * (errors.length - 1))] > FLAT;
     }
 
     worn() {

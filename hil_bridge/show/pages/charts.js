@@ -51,7 +51,8 @@ var HilCharts = (() => {
       for (const [name, source] of Object.entries(spec.sources)) this.take(name, {...source});
       this.options = {bar: true, keep: null, follow: null, first: null, ...options};
       this.key = `hil-${++drawn}`;
-      this.views = {};          // by axis: range selected by the user, if any
+      this.views = {};          // by axis: visible range, if it is not everything
+      for (const [name, axis] of Object.entries(spec.axes)) if (axis.view) this.views[name] = axis.view;
       this.hidden = new Set();  // `chart/label` of the series switched off by the user
       this.layers = new Map(this.spec.layers.map(layer => [layer.id, layer.shown !== false]));
       this.charts = [];

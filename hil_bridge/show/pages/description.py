@@ -28,6 +28,8 @@ class Axis(Struct, frozen=True, omit_defaults=True):
     """Whether the axis is logarithmic; every x must then be above 0."""
     names: Sequence[str] = ()
     """Names of x = 0, 1, 2 … on a categorical axis, which shows only these names."""
+    view: "Range | None" = None
+    """Range that is visible at first; if None, everything is."""
 
 
 class Series(Struct, frozen=True, omit_defaults=True):

@@ -26,8 +26,8 @@ _MARGIN = 0.02
 """Margin of the axis beyond the first and the last time, as a share of its length. Chosen."""
 _LEAST = 0.4
 """Smallest width of an interval, % of the width. Chosen."""
-_TOP_PX, _LANE_PX, _AXIS_PX = 46, 30, 22
-"""Heights of the numbers, of a lane, and of the axis, px."""
+_TOP_PX, _LABEL_PX, _LANE_PX, _AXIS_PX = 46, 18, 30, 22
+"""Heights of the numbers, of a label below the lanes, of a lane, and of the axis, px."""
 _DECIMALS = 3
 """Decimal places of times in s."""
 
@@ -76,6 +76,8 @@ class Interval(Struct, frozen=True):
     begin: float
     end: float
     tone: Tone = Tone.PLAIN
+    label: str = ""
+    """Label of an interval across all lanes, below them."""
 
 
 class TimeLine(Struct, frozen=True):
@@ -106,7 +108,7 @@ def _key(line: TimeLine) -> str:
     items = "".join(
         f'<span class="{tone}"><i></i>{text}</span>' for tone, text in _KEY.items() if tone in tones
     )
-    return f"<figcaption>{items}<span>s from {escape(line.zero)}</span></figcaption>"
+    return f"<figcaption>{items}<span>time from {escape(line.zero)}</span></figcaption>"
 
 
 def _time(at: float) -> str:
@@ -125,7 +127,8 @@ class _Drawing:
         margin = _MARGIN * max(max(times) - min(times), 1e-3)
         self._low, self._high = min(times) - margin, max(times) + margin
         self._lanes = list(dict.fromkeys(one.lane for one in line.intervals if one.lane))
-        self._bottom = _TOP_PX + _LANE_PX * len(self._lanes)
+        self._end = _TOP_PX + _LANE_PX * len(self._lanes)
+        self._bottom = self._end + _LABEL_PX * any(one.label for one in line.intervals)
 
     def render(self, moments: Sequence[Moment]) -> str:
         """Render the drawing; `moments` are in order of time."""
@@ -150,6 +153,8 @@ class _Drawing:
                 f'<rect class="{one.tone}{"" if one.lane else " across"}" x="{begin:.2f}%" y="{top}"'
                 f' width="{max(end - begin, _LEAST):.2f}%" height="{height}"/>'
             )
+            if one.label:
+                yield f'<text x="{begin:.2f}%" dx="6" y="{self._bottom - 5}">{escape(one.label)}</text>'
 
     def _names(self) -> Iterator[str]:
         """Yield the names of the lanes, on the left of the drawing."""
@@ -159,11 +164,12 @@ class _Drawing:
     def _axis(self) -> Iterator[str]:
         """Yield the axis with labels at round times."""
         yield f'<line class="axis" x1="0" x2="100%" y1="{self._bottom}" y2="{self._bottom}"/>'
-        for at in self._ticks():
-            x = self._x(at)
+        ticks = self._ticks()
+        for at in ticks:
+            x, label = self._x(at), number(at) + " s" * (at == max(ticks))
             yield (
                 f'<line class="axis" x1="{x:.2f}%" x2="{x:.2f}%" y1="{self._bottom}" y2="{self._bottom + 4}"/>'
-                f'<text class="quiet" x="{x:.2f}%" y="{self._bottom + 17}" text-anchor="middle">{number(at)}</text>'
+                f'<text class="quiet" x="{x:.2f}%" y="{self._bottom + 17}" text-anchor="middle">{label}</text>'
             )
 
     def _ticks(self) -> list[float]:
@@ -180,7 +186,7 @@ class _Drawing:
         for count, (one, x, label) in enumerate(zip(moments, places, _spread(places), strict=True), 1):
             yield (
                 f'<g class="{one.tone}"><line x1="{label:.2f}%" x2="{x:.2f}%" y1="20" y2="{_TOP_PX - 8}"/>'
-                f'<line x1="{x:.2f}%" x2="{x:.2f}%" y1="{_TOP_PX - 8}" y2="{self._bottom}"/>'
+                f'<line x1="{x:.2f}%" x2="{x:.2f}%" y1="{_TOP_PX - 8}" y2="{self._end}"/>'
                 f'<circle cx="{label:.2f}%" cy="11" r="10"/>'
                 f'<text x="{label:.2f}%" y="15" text-anchor="middle">{count}</text></g>'
             )

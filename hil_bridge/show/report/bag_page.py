@@ -31,13 +31,12 @@ def bag_page(recording: Recording, origin: Foreign, summary: Summary) -> str:
 
 def bag_body(recording: Recording, origin: Foreign, summary: Summary) -> tuple[str, str]:
     """Return the title of the page, and its body as HTML."""
-    charts, left_out = run_charts(recording)
+    charts = run_charts(recording)
     drawn = {chart.id for chart in charts.charts}
     without_values = [
         chart.title for chart in catalogue(facts_of_recording(recording)) if chart.id not in drawn
     ]
     (contact, figures), (about, facts) = figure_tables(recording, summary)
-    thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     cut = (
         "<p>The bag ends early or is damaged; this page covers the readable part.</p>"
         if summary.truncated
@@ -47,7 +46,7 @@ def bag_body(recording: Recording, origin: Foreign, summary: Summary) -> tuple[s
 <div class="columns head"><section>{pairs(identity_rows(recording, summary), "facts")}{rows(facts)}</section>
 <section><h2>{escape(contact.capitalize())}</h2>{rows(figures)}</section></div>
 <h2>Course</h2>
-{room("run", charts)}{thinned}
+{room("run", charts)}
 <h2>Assumptions</h2>
 {_topics(origin)}{assumptions_table(origin)}
 <h2>Not in the bag</h2>

@@ -14,7 +14,7 @@ from hil_bridge.record.analysis.definition import UNKNOWN, difference, rounded
 from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, RESPONSE
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, phases, summarise
-from hil_bridge.record.analysis.why import why_values
+from hil_bridge.record.analysis.why import sentence, why_values
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.reader import Recording
@@ -47,6 +47,8 @@ _RESULTS = tuple(FIGURES[key].words for key in ("overshoot_percent", "rms_error_
 """Figures in the first sentence, by their labels."""
 _RESULTS_MOST = 4
 """Maximum number of runs whose figures are in the first sentence. Chosen: two lines of text."""
+_TOUCH_S = (-0.5, 3.0)
+"""Range that is visible at first if the targets differ, s from the touch. Chosen: the rise and its overshoot."""
 _TARGET = "force_reference"
 """Column of the target force."""
 TOUCH, BEGIN = "touch", "begin"
@@ -92,7 +94,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     labels = _labels(runs, summaries)
-    charts, left_out = _charts(dict(zip(labels, runs.values(), strict=True)), align)
+    charts = _charts(dict(zip(labels, runs.values(), strict=True)), align)
     ours = _with_settings(runs)
     settings, only_some = _differing(ours)
     figures = [_figures_of(runs[name], summaries[name]) for name in runs]
@@ -100,11 +102,11 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     caution = _caution([*ours], [*settings, *only_some])
     merit = _figure_table(labels, summaries, figures, merits, best=not caution)
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{"" if caution else prose(_results(dict(zip(runs, figures, strict=True)), summaries))}
+<p class="point">{"" if caution else prose(_results(dict(zip(runs, figures, strict=True))))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
 {caution}
 <h2>Course</h2>
-{room("runs", charts, first=1)}{note(left_out)}
+{room("runs", charts, first=1)}
 <div class="pair"><section><h2>Figures of merit</h2>{merit}</section>
 <section>{_settings(ours, settings, only_some)}</section></div>
 <h2>How they ended</h2>
@@ -140,25 +142,14 @@ def _caution(names: Sequence[str], settings: Sequence[tuple[str, ...]]) -> str:
     return f'<p class="bar caution"><b>Different tasks:</b>{text}</p>'
 
 
-def _results(figures: Mapping[str, Mapping[str, str]], summaries: Mapping[str, Summary]) -> str:
-    """Return the most important figures of each run in one sentence, with the controllers if they differ; empty if
-    there are too many runs.
-    """
-    if len(figures) > _RESULTS_MOST:
-        return ""
-    differ = len({one.controller for one in summaries.values()}) > 1
-    laws = {name: f" ({one.controller})" * bool(differ and one.controller) for name, one in summaries.items()}
+def _results(figures: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the most important figures of each run in one sentence; empty if there are too many runs."""
     parts = []
     for label in _RESULTS:
-        values = {
-            name: texts[label] for name, texts in figures.items() if texts.get(label, UNKNOWN) != UNKNOWN
-        }
-        if values:
-            parts.append(
-                f"{label} {', '.join(f'{text} in `{name}`{laws[name]}' for name, text in values.items())}"
-            )
-    text = unbreakable("; ".join(parts))
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
+        values = {name: texts.get(label, UNKNOWN) for name, texts in figures.items()}
+        known = [f"{text} in `{name}`" for name, text in values.items() if text != UNKNOWN]
+        parts += [f"{label} {', '.join(known)}"] * bool(known)
+    return sentence(unbreakable("; ".join(parts))) if len(figures) <= _RESULTS_MOST else ""
 
 
 def _point(summaries: Sequence[Summary], keys: Sequence[str]) -> str:
@@ -206,7 +197,7 @@ def _side_by_side(labels: Iterable[str], lines: Iterable[str], style: str, last:
         f'<th><i class="swatch" style="background:var(--c{place})"></i>{escape(name)}</th>'
         for place, name in enumerate(labels, 1)
     )
-    heads += f"<th>{escape(last)}</th>" if last else ""
+    heads += f"<th>{escape(last)}</th><th></th>" if last else ""
     return across(table(lines, style, f"<thead><tr><th></th>{heads}</tr></thead>"))
 
 
@@ -236,19 +227,20 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     raise ConfigError("compare was given the same file twice; name each recording once")
 
 
-def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
+def _charts(runs: Mapping[str, Recording], align: str) -> Charts:
     sources = Sources()
     series: dict[str, list[Series]] = {chart: [] for chart in COMPARED}
     marks: list[Mark] = []
-    targets_differ = not _have_same_target(list(runs.values()))
+    differ, targets = _targets([*runs.values()])
+    own = differ and not targets
     longest = max(runs, key=lambda name: sum(cycle.phase == TRACK for cycle in runs[name].cycles))
     for place, (name, recording) in enumerate(runs.items()):
         zero = _zero(recording, align)
         layer, colour = f"run{place}", f"{place + 1}"
         table = Columns.of(recording, zero, facts_of_recording(recording)).arrays().get(CYCLE, {})
-        has_target = (targets_differ or name == longest) and bool(
-            np.isfinite(table.get(_TARGET, np.empty(0))).any()
-        )
+        if targets and table:
+            table = {**table, **{one: 100.0 / targets[place] * table[one] for one in ("force", _TARGET)}}
+        has_target = (own or name == longest) and bool(np.isfinite(table.get(_TARGET, np.empty(0))).any())
         for chart, column in COMPARED.items():
             if column not in table or not np.isfinite(table[column]).any():
                 continue
@@ -261,7 +253,7 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
                     line, column=_TARGET, label=f"{name}, target", style="step", dashed=True, width=1.0
                 )
                 common = replace(dashes, label="target", colour="target", layer="")
-                series[chart].append(dashes if targets_differ else common)
+                series[chart].append(dashes if own else common)
         marks += [
             replace(mark, text=f"{name}: {mark.text}", short=f"{name}, stop", layer=layer)
             for mark in run_marks(recording, zero)
@@ -271,12 +263,25 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
         replace(
             chart, title=_title(chart), series=series[chart.id], bands=[], limits=_same_limits(chart, runs)
         )
+        if not targets or chart.id != "force"
+        else replace(
+            chart, unit="% of the target", series=series["force"], bands=[], limits=[], least_span=20.0
+        )
         for chart in catalogue(facts_of_recording(next(iter(runs.values()))))
         if series.get(chart.id)
     ]
     label = "time since contact" if align == TOUCH else "time since the run began"
     layers = [Layer(f"run{place}", name) for place, name in enumerate(runs)]
-    return Charts({"time": Axis(label, "s")}, charts, sources.held, marks, layers=layers), sources.sentence()
+    axis = Axis(label, "s", view=_TOUCH_S if targets and align == TOUCH else None)
+    return Charts({"time": axis}, charts, sources.held, marks, layers=layers)
+
+
+def _targets(recordings: Sequence[Recording]) -> tuple[bool, Sequence[float]]:
+    """Return whether the targets of the runs differ, and the target of each run, N, if they differ and none changes."""
+    each = [{cycle.force_reference for cycle in recording.cycles} for recording in recordings]
+    ours = (one for one, recording in zip(each, recordings, strict=True) if recording.foreign is None)
+    differ, steady = len(set().union(*ours)) != 1, all(len(one) == 1 and min(one) > 0.0 for one in each)
+    return differ, [min(one) for one in each] if differ and steady else []
 
 
 def _title(chart: Chart) -> str:
@@ -311,11 +316,6 @@ def _zero(recording: Recording, align: str) -> float:
     return touched[0] if touched and align == TOUCH else start_time(recording)
 
 
-def _have_same_target(recordings: Sequence[Recording]) -> bool:
-    ours = [recording for recording in recordings if recording.foreign is None]
-    return len({cycle.force_reference for recording in ours for cycle in recording.cycles}) == 1
-
-
 def _figures_of(recording: Recording, summary: Summary) -> dict[str, str]:
     """Return the figures of a run as texts, by label."""
     tables = (rows for _, rows in figure_tables(recording, summary))
@@ -334,32 +334,39 @@ def _figure_table(
     difference. If `best` is true, the best value of each line is bold.
     """
     others = best is None
-    changes = _changes(*summaries.values()) if len(summaries) == 2 else None
-    last = "" if changes is None else " − ".join(reversed([*summaries]))
-    titles = (*labels, *[last] * (changes is not None))
+    changes = _changes(*summaries.values()) if len(summaries) == 2 else {}
+    last = " − ".join(reversed([*summaries])) if changes else ""
     marked = _best([*summaries.values()]) if best else {}
-    rows = _figure_lines(figures, merits, others, changes)
-    lines = ("".join(_figure_cells(titles, row, len(summaries), marked.get(row[0], ()))) for row in rows)
-    text = (
-        ""
-        if others
-        else "Bold is the best value."
-        if best
-        else "No value is marked as best: the tasks differ."
+    lines = (
+        "".join(_figure_cells(labels, row, marked.get(row[0], ())))
+        + _change_cells(last, *changes.get(row[0], ("", 0.0))) * bool(changes)
+        for row in _figure_lines(figures, merits, others)
     )
-    return _side_by_side(labels, lines, "narrow stacked", last) + note(text)
+    text = "Bold is the best value." if best else "No value is marked as best: the tasks differ."
+    text += " A bar points to the run with the larger value; a full one is a difference of 100 %." * bool(
+        changes
+    )
+    return _side_by_side(labels, lines, "narrow stacked", last) + note("" if others else text)
 
 
-def _figure_cells(
-    titles: Sequence[str], row: Sequence[str], runs: int, best: Collection[int]
-) -> Iterator[str]:
+def _figure_cells(titles: Sequence[str], row: Sequence[str], best: Collection[int]) -> Iterator[str]:
     """Yield the cells of a line of figures. If all runs have the same value, the line is grey."""
     label, *values = row
-    style = " quiet" * (len(set(values[:runs])) == 1)
+    style = " quiet" * (len(set(values)) == 1)
     yield f'<td class="text{style}">{escape(label)}</td>'
     for place, (title, text) in enumerate(zip(titles, values, strict=True)):
         mark = " best" * (place in best)
         yield f'<td class="count{style}{mark}" data-title="{escape(title)}">{escape(text)}</td>'
+
+
+def _change_cells(title: str, text: str, share: float) -> str:
+    """Render a difference as text, and as a bar towards the run with the larger value, in its colour."""
+    width, style = 50.0 * min(abs(share), 1.0), "count" if share else "count quiet"
+    place = (
+        f"left:{50.0 - width * (share < 0.0):.0f}%;width:{width:.0f}%;background:var(--c{1 + (share > 0.0)})"
+    )
+    bar = f'<i class="change"><b style="{place}"></b></i>' * bool(text)
+    return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td><td>{bar}</td>'
 
 
 def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:
@@ -376,28 +383,29 @@ def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:
     return places
 
 
-def _changes(first: Summary, second: Summary) -> dict[str, str]:
-    """Return by label how much larger each figure of the second run is, as text; only of figures that both have."""
+def _changes(first: Summary, second: Summary) -> dict[str, tuple[str, float]]:
+    """Return by label how much larger each figure of the second run is, as text and as a share of the larger size;
+    only of figures that both have.
+    """
     one, other = ({**run.figures, **run.response, **run.contact} for run in (first, second))
-    values = (
-        (figure, one.get(figure.key), other.get(figure.key)) for figure in (*MERIT, *RESPONSE, *CONTACT)
-    )
-    return {
-        figure.words: difference(before, after, figure)
-        for figure, before, after in values
-        if before is not None and after is not None and math.isfinite(before) and math.isfinite(after)
-    }
+    changes = {}
+    for figure in (*MERIT, *RESPONSE, *CONTACT):
+        before, after = one.get(figure.key), other.get(figure.key)
+        if before is not None and after is not None and math.isfinite(before) and math.isfinite(after):
+            small, large = sorted(rounded(value, figure) for value in (before, after))
+            share = (large - small) / (max(abs(small), abs(large)) or 1.0)
+            changes[figure.words] = difference(before, after, figure), share if after > before else -share
+    return changes
 
 
 def _figure_lines(
     figures: Sequence[Mapping[str, str]],
     merits: Sequence[str],
     others: bool,
-    changes: Mapping[str, str] | None,
 ) -> Iterator[tuple[str, ...]]:
-    """Yield label, values and perhaps difference of each figure."""
+    """Yield label and values of each figure."""
     for label in dict.fromkeys(label for texts in figures for label in texts):
         values = [texts.get(label) or ABSENT for texts in figures]
         if (label in merits) is others or set(values) == {ABSENT}:
             continue
-        yield label, *values, *([] if changes is None else [changes.get(label, "")])
+        yield label, *values

@@ -84,9 +84,8 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
         Row("cycle time", mean, "mean, to the answer; of a stream, to the next"),
         Row(
             "cycle time, p50 to max",
-            " · ".join(percentiles if len(set(percentiles)) > 1 else percentiles[:1])
-            + " ms" * bool(percentiles),
-            "percentiles 50, 90 and 99, largest" + ": all equal" * (len(set(percentiles)) == 1),
+            f"{' · '.join(percentiles)} ms" if len(set(percentiles)) > 1 else "",
+            "percentiles 50, 90 and 99, largest",
         ),
         _row("line_floor_s", summary.line_floor_s),
         Row("sensor frames", f"{summary.sensor_frames_received}", lost),

@@ -4,9 +4,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import Cause, ConfigError
-from hil_bridge.record.analysis.definition import UNKNOWN, concise
+from hil_bridge.record.analysis.definition import UNKNOWN
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, end_of
@@ -18,7 +20,6 @@ from hil_bridge.record.next_commands import RunPlaces
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.cell import cell_picture
 from hil_bridge.show.charts.end_panel import end_panel, unbreakable
-from hil_bridge.show.charts.events import label_phases
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.maps import maps_of
 from hil_bridge.show.charts.run import run_charts
@@ -29,7 +30,7 @@ from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, Row, merit_rows, response_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality, run_title
 from hil_bridge.show.report.latency_section import latency_section
-from hil_bridge.show.report.markup import badge, cells, command, fold, note, pairs, prose, rows
+from hil_bridge.show.report.markup import badge, cells, command, fold, pairs, prose, rows
 from hil_bridge.show.report.sections import controller_section, stability_section
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
@@ -38,6 +39,8 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """File names of the picture, by the kind of file."""
 EVENTS_MAX = 500
+_FIRST_PX = 130
+"""Height of the first chart on the page of the cell, px. Chosen: the cell is more than half of a screen."""
 
 
 def write_report(
@@ -71,23 +74,17 @@ def page(recording: Recording, summary: Summary) -> str:
     """Render the page as HTML."""
     if recording.foreign is not None:
         return bag_page(recording, recording.foreign, summary)
-    charts, left_out = run_charts(recording)
+    charts = run_charts(recording)
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
-    labels = label_phases([*summary.phases_s], end_of(recording).retracted)
-    phases = pairs(
-        (label, concise(value, 1, ".2f", "s"))
-        for label, value in zip(labels, summary.phases_s.values(), strict=True)
-    )
     body = f"""{_point(recording, summary)}
-{room("run", charts, first=1)}{note(left_out)}
+{room("run", charts, first=1)}
 <div class="columns head"><section><h2>Figures of merit</h2>{rows(_known(merit_rows(summary)))}</section>
 <section><h2>Setup</h2>{pairs(identity_rows(recording, summary), "facts")}</section></div>
 {steps_section(recording, summary)}
 {map_row(maps_of(recording))}
 <div class="columns head"><section><h2>Run</h2>{rows(_known(run_rows(summary)[len(NAMED) :]))}</section>
-<section><h2>Phases</h2>{phases}</section></div>
-{before}
+<section>{before}</section></div>
 {fold(_response(summary))}{fold(surface_section(recording))}
 {fold(latency_section(recording))}{fold(stability_section(recording, summary))}{fold(controller_section(recording))}
 {fold(f"<h2>Events</h2>{_events(recording)}")}
@@ -103,7 +100,9 @@ def _known(figures: Iterable[Row]) -> Iterator[Row]:
 
 def cell_page(recording: Recording, summary: Summary) -> str:
     """Render how the run ended, the cell in three dimensions and the charts, as one HTML file."""
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
+    first, *others = charts.charts
+    charts = replace(charts, charts=[replace(first, height_px=_FIRST_PX), *others])
     return document(
         f"{run_title(recording)}, {summary.outcome}",
         f'<main class="hil-window">{_point(recording, summary)}\n{room("run", charts, first=1)}</main>',

@@ -33,7 +33,7 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
     Raises ConfigError if matplotlib is not installed.
     """
     matplotlib = drawing_library()
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     maps = maps_of(recording)
     with matplotlib.rc_context(STYLE):
         maps_px = [_MAPS_PX] if maps else []
@@ -55,7 +55,7 @@ def plot(recording: Recording, names: Sequence[str] = ()) -> "Figure":
     Raises ConfigError for an id that no chart of this run has, and if matplotlib is not installed.
     """
     matplotlib = drawing_library()
-    charts, _ = run_charts(recording)
+    charts = run_charts(recording)
     there = {chart.id: chart for chart in charts.charts}
     for name in names:
         if name not in there:

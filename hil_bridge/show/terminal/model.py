@@ -36,6 +36,8 @@ class Health:
     """Arrival time of the newest sensor frame, s on the run's clock."""
     link: Mapping[str, int] = field(default_factory=dict)
     """Counters of the robot link by name."""
+    force: float | None = None
+    """Contact force along the approach in the newest sensor frame, N; None before the zero."""
 
 
 @dataclass(frozen=True, slots=True)

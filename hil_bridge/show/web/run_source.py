@@ -38,6 +38,8 @@ EVENTS = 200
 """Maximum number of events, of marks and of steps that are kept of a live run, and of events on a page."""
 SILENT_S = 2.0
 """Time without messages from the run after which the page displays a warning, s. Chosen: ten pulses."""
+REST_S = 0.5
+"""Time without cycles after which a stopped run's chart continues with the sensor's frames, s. Chosen."""
 ROWS_MOST = 8000
 """Maximum number of rows of a recording. Chosen: more than any screen has columns."""
 GONE = "gone"
@@ -194,7 +196,10 @@ class RunSource:
 
     def pulse(self, pulse: Pulse, received_at: float) -> None:
         """Store a pulse of the run."""
-        self._since(pulse.now)
+        columns, history = self._since(pulse.now), self._history
+        at, force = pulse.health.sensor_at, pulse.health.force
+        if history.stop is not None and history.cycles and at is not None and force is not None:
+            columns.frame(at, force, after=history.cycles[-1].answered_at + REST_S)
         self._pulse, self._received_at = pulse, received_at
 
     def end(self, end: End) -> None:

@@ -181,7 +181,9 @@ class S3Link:
             status = await self.read_status()
         report = self._reported(status)
         if report.fault:
-            raise DeviceError(report.fault, remedy=report.remedy, cause=Cause.ROBOT_NOT_READY)
+            raise DeviceError(
+                report.fault, remedy=report.remedy, facts=report.facts, cause=Cause.ROBOT_NOT_READY
+            )
         return report
 
     async def report(self, *, soon: bool = False) -> RobotReport:
@@ -190,7 +192,7 @@ class S3Link:
     def _reported(self, status: Status) -> RobotReport:
         self._reports += 1
         now = self._answered_at
-        fault, remedy = self._fault(status)
+        fault, remedy, facts = self._fault(status)
         return RobotReport(
             self._reports,
             Pose(status.position, status.quaternion),
@@ -199,6 +201,7 @@ class S3Link:
             fault,
             ((QUESTION_LEFT, self.transmitted_at),),
             remedy=remedy,
+            facts=facts,
         )
 
     @overload
@@ -289,7 +292,7 @@ class S3Link:
             finally:
                 self._explaining = False
         facts += self._recent_messages(failed_at)
-        error.remedy = "; ".join(filter(None, (error.remedy, *facts)))
+        error.facts = "; ".join(filter(None, (error.facts, *facts)))
 
     def _decode(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
         """Decode an answer. Raises DeviceError if the answer is invalid."""
@@ -299,16 +302,16 @@ class S3Link:
             text = f"robot on {self.name} sent an invalid answer: {error}"
             raise DeviceError(text, cause=Cause.ROBOT_FAILED) from error
 
-    def _fault(self, status: Status) -> tuple[str, str]:
-        """Describe the flags of a status that prevent motion, and what helps, with the robot's recent messages. Return
+    def _fault(self, status: Status) -> tuple[str, str, str]:
+        """Describe the flags of a status that prevent motion, what helps, and the robot's recent messages. Return
         empty texts if there are none.
         """
         if stop := describe_stop(status, self.profile.check_flags):
             states, remedy = stop
             messages = self._recent_messages(self._clock.now())
-            return f"the robot cannot move: {states}", "; ".join([remedy, *messages])
+            return f"the robot cannot move: {states}", remedy, "; ".join(messages)
         fault = orientation_fault(status.quaternion)
-        return fault and f"robot on {self.name} reports {fault}", ""
+        return fault and f"robot on {self.name} reports {fault}", "", ""
 
     def _recent_messages(self, now: float) -> list[str]:
         """Return descriptions of recent unsolicited messages of the robot."""
@@ -429,14 +432,17 @@ class S3Link:
 
     def _explain_silence(self, failed: OrderFailed) -> DeviceError:
         line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
+        facts = ""
         match failed.reason:
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE if self._status is not None:
-                advice = "it answered before, so the line settings are correct: check its power and the cable"
+                facts = "it answered before, so the line settings are correct"
+                advice = "check its power and the cable"
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE:
-                advice = f"{failed.remedy}; this end is set to {line}"
+                facts, advice = f"this end is set to {line}", failed.remedy
             case _ if self._troubles:
                 counts = ", ".join(f"{kind} {count}" for kind, count in self._troubles.items())
-                advice = f"on the link meanwhile: {counts}"
+                facts, advice = f"on the link meanwhile: {counts}", ""
             case _:
                 advice = "see the recording for the traffic on the link"
-        return DeviceError(f"robot on {self.name}: {failed.text}", remedy=advice, cause=Cause.DEAD_LINK)
+        text = f"robot on {self.name}: {failed.text}"
+        return DeviceError(text, remedy=advice, facts=facts, cause=Cause.DEAD_LINK)

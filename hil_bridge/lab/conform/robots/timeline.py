@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from hil_bridge.lab.conform.ending import end_moments
+from hil_bridge.lab.conform.ending import allowed_time, end_moments
 from hil_bridge.lab.conform.robots.judging import gains_speed
 from hil_bridge.lab.conform.robots.offences import Offence, Offender
 from hil_bridge.lab.conform.robots.scenarios import EMERGENCY, LATE, MOVED_M, REFUSED, STOPPED, Rules
@@ -77,8 +77,6 @@ class _RobotLine:
         is_good = all(one.at > self._fault_at for one in self._judged())
         last = "last good order" if is_good else "last order"
         yield evidence.last_before_fault_at, f"{last} before {self.zero}", Tone.GOOD
-        if self._stops:
-            yield self._fault_at + self._rules.react_s, "the time to react ends", Tone.WARN
         yield evidence.returned_at, "the link is restored", Tone.PLAIN
         yield evidence.back_at, "first order that the robot accepts after the cut", Tone.GOOD
 
@@ -131,7 +129,7 @@ class _RobotLine:
     def intervals(self) -> Iterator[Interval]:
         """Yield the intervals of each lane."""
         if self._stops:
-            yield Interval("", 0.0, self._rules.react_s, Tone.WARN)
+            yield allowed_time(0.0, self._rules.react_s)
         for lane, begin, end, tone in (*self._order_bars(), *self._robot_bars(), *self._tool_bars()):
             if begin is not None and end is not None and end >= max(begin, self._begin_at):
                 begin = max(begin, self._begin_at)

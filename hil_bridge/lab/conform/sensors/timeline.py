@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from hil_bridge.lab.conform.ending import end_moments
+from hil_bridge.lab.conform.ending import allowed_time, end_moments
 from hil_bridge.lab.conform.sensors.judging import is_near, judge_load
 from hil_bridge.lab.conform.sensors.readings import SensorEvidence
 from hil_bridge.lab.conform.sensors.scenarios import LOST, RESTART, STATUS, SensorRules
@@ -36,6 +36,8 @@ def sensor_timeline(scenario: str, evidence: SensorEvidence, rules: SensorRules)
         for lane, begin, end, tone in _bars(scenario, evidence, rules)
         if begin is not None and end is not None and end >= begin
     ]
+    if scenario in (STATUS, CUT) and evidence.fault_at is not None:
+        intervals.append(allowed_time(evidence.fault_at - zero_at, rules.react_s))
     return TimeLine(moments, intervals, zero)
 
 
@@ -46,7 +48,6 @@ def _fault(
     yield evidence.fault_at, _FAULTS.get(scenario, "the fault"), Tone.FAULT
     yield evidence.last_before_fault_at, "last good reading before the fault", Tone.GOOD
     if scenario in (STATUS, CUT) and evidence.fault_at is not None:
-        yield evidence.fault_at + rules.react_s, "the time to react ends", Tone.WARN
         yield (
             evidence.behind_at,
             f"first of {evidence.behind_fault} readings after the time to react",
@@ -81,5 +82,4 @@ def _bars(
     end_at = min(at for at in ends if at is not None)
     yield _SENSOR, fault_at, end_at, Tone.FAULT
     if is_silent:
-        yield "", fault_at, fault_at + rules.react_s, Tone.WARN
         yield _READINGS, evidence.behind_at, end_at, Tone.BAD

@@ -88,12 +88,12 @@
     set($("elapsed"), now.stopped_s === null ? fixed(now.elapsed_s, 1, "s") : `at ${fixed(now.stopped_s, 1, "s")}`);
     set($("remaining"), now.remaining_s === null || leaving || end ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
     set($("force"), fixed(now.force, 2));
-    set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none, in free space");
+    set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none");
     const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
     const deviation = $("off");
     if (!Number.isFinite(now.force)) { set(deviation, "–"); deviation.className = ""; }
     else if (!now.in_contact) { set(deviation, "no contact"); deviation.className = "away"; }
-    else { set(deviation, `off by ${signed(off, 2, "N")}`); deviation.className = part < 0.1 ? "near" : part < 0.3 ? "away" : "far"; }
+    else { set(deviation, `off by ${signed(off, 2, "N")}${now.resting ? ", within the dead band" : ""}`); deviation.className = part < 0.1 ? "near" : part < 0.3 ? "away" : "far"; }
     const pulls = now.force < 0;
     set(document.querySelector('[data-margin="force"] span'), pulls ? "pull limit" : "force limit");
     margin("force", now.force, pulls ? scene.limits.pull : scene.limits.force, "N");
@@ -194,10 +194,10 @@
     if (update.events) events(update.events, update.events_whole);
     if (now) {
       numbers(now);
-      const last = charts.sources.cycle?.x.at(-1), still = !playback && now.phase === "retract" && now.elapsed_s - last > STILL_S;
+      const last = cell.tables.cycle.x.at(-1), still = !playback && now.phase === "retract" && now.elapsed_s - last > STILL_S;
       document.body.classList.toggle("still", still);
       bar("cause", update.end ? "" : sentence(now.cause), "");
-      bar("still", still && !update.end ? `This retraction has no cycles: values and picture are those of the last cycle, at ${fixed(last, 1, "s")}.` : "", "");
+      bar("still", still && !update.end ? `This retraction has no cycles: values and picture are those of the last cycle, at ${fixed(last, 1, "s")}; the chart of the force continues.` : "", "");
       bar("warning", now.warning, "Warning:");
       bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
       cell.show(update.at === undefined ? null : update.at);
