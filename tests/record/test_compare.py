@@ -111,7 +111,12 @@ def test_compare_of_two_runs_has_differences() -> None:
         f'<td class="{style}" data-title="{title}">{text}</td>' for style, title, text in values
     )
     assert "<th>b − a</th>" in page
-    assert f'{line}<td><i class="change"><b style="left:12%;width:38%;background:var(--c1)">' in page
+    bar = '<td><i class="change"><b style="left:12%;width:38%;background:var(--c1)">'
+    assert line + bar in page
+    error = re.search(r'">steady mean error</td>(.*?)</tr>', page)
+    assert error is not None
+    assert "+1.50 N" in error[1]
+    assert bar in error[1], "−2.0 N is farther from 0 than −0.5 N"
     assert "<th>b − a</th>" not in compare_page({"a": first, "b": second, "c": third})
 
 

@@ -12,9 +12,11 @@ from click.testing import CliRunner, Result
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.charts import cell
 from hil_bridge.show.charts.cell import ROWS_MOST, cell_picture
 from hil_bridge.show.report.markup import fold
+from hil_bridge.show.report.page import cell_page
 from tests.near_surface import CLOSE, EMERGENCY_STOP, merged
 from tests.recordings import Recordings
 
@@ -42,6 +44,34 @@ def test_cell_picture_has_poses_and_joints_of_run(recordings: Recordings) -> Non
     last = [cycle for cycle in recording.cycles if cycle.phase == "track" and cycle.in_contact][-1]
     began = min(recording.cycles[0].started_at, recording.events[0].at)
     assert picture["at"] == pytest.approx(last.controlled_at - began, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("robot", "sensor", "held"),
+    [
+        ("s3", "jr3", r"held 10 N within ([\d.]+) N from 3 s after the touch, "),
+        (
+            "egm",
+            "netft",
+            r"held 10 N with a mean error of −?([\d.]+) N, [\d.]+ N peak to peak in the last 40 ",
+        ),
+    ],
+)
+def test_page_begins_with_how_the_force_was_held(
+    recordings: Recordings, robot: str, sensor: str, held: str
+) -> None:
+    duration_s = 5.0 if robot == "s3" else 1.5
+    cell = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}, "run": {"duration_s": duration_s}}
+    recording = recordings(merged(CLOSE, cell))
+    text = cell_page(recording, summarise(recording)).replace("\u00a0", " ")
+    stated = re.search(f'<p class="point">Completed in [^<]*{held}', text)
+    assert stated is not None
+    tracked = [one for one in recording.cycles if one.phase == "track"]
+    touch_at = next(one.controlled_at for one in tracked if one.force > 1.0)
+    settled = [one.force - 10.0 for one in tracked if one.controlled_at > touch_at + 3.2]
+    last = [one.force - 10.0 for one in tracked[-40:]]
+    error = max(map(abs, settled)) if robot == "s3" else abs(sum(last) / 40)
+    assert float(stated[1]) == pytest.approx(error, abs=0.02)
 
 
 def test_cell_picture_of_long_run_keeps_dense_path(

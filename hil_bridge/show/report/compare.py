@@ -343,8 +343,9 @@ def _figure_table(
         for row in _figure_lines(figures, merits, others)
     )
     text = "Bold is the best value." if best else "No value is marked as best: the tasks differ."
-    text += " A bar points to the run with the larger value; a full one is a difference of 100 %." * bool(
-        changes
+    text += (
+        " A bar points to the run whose value is farther from 0; a full one is a difference of 100 %."
+        * bool(changes)
     )
     return _side_by_side(labels, lines, "narrow stacked", last) + note("" if others else text)
 
@@ -360,7 +361,7 @@ def _figure_cells(titles: Sequence[str], row: Sequence[str], best: Collection[in
 
 
 def _change_cells(title: str, text: str, share: float) -> str:
-    """Render a difference as text, and as a bar towards the run with the larger value, in its colour."""
+    """Render a difference as text, and as a bar towards the run whose value is farther from 0, in its colour."""
     width, style = 50.0 * min(abs(share), 1.0), "count" if share else "count quiet"
     place = (
         f"left:{50.0 - width * (share < 0.0):.0f}%;width:{width:.0f}%;background:var(--c{1 + (share > 0.0)})"
@@ -384,17 +385,17 @@ def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:
 
 
 def _changes(first: Summary, second: Summary) -> dict[str, tuple[str, float]]:
-    """Return by label how much larger each figure of the second run is, as text and as a share of the larger size;
-    only of figures that both have.
+    """Return by label how much larger each figure of the second run is, as text, and how much farther from 0 it is, as
+    a share of the farther one; only of figures that both have.
     """
     one, other = ({**run.figures, **run.response, **run.contact} for run in (first, second))
     changes = {}
     for figure in (*MERIT, *RESPONSE, *CONTACT):
         before, after = one.get(figure.key), other.get(figure.key)
         if before is not None and after is not None and math.isfinite(before) and math.isfinite(after):
-            small, large = sorted(rounded(value, figure) for value in (before, after))
-            share = (large - small) / (max(abs(small), abs(large)) or 1.0)
-            changes[figure.words] = difference(before, after, figure), share if after > before else -share
+            sizes = [abs(rounded(value, figure)) for value in (before, after)]
+            share = (sizes[1] - sizes[0]) / (max(sizes) or 1.0)
+            changes[figure.words] = difference(before, after, figure), share
     return changes
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.record.analysis.definition import UNKNOWN
@@ -157,19 +158,25 @@ def _reason(recording: Recording, summary: Summary) -> str:
 
 def _completed(recording: Recording, summary: Summary) -> str:
     """Return in one sentence how well a completed run held the force; empty if it did not track one."""
-    end, figures = end_of(recording), {row.label: row.value for row in merit_rows(summary)}
-    error, spread, overshoot = (
+    end = end_of(recording)
+    figures = {row.label: row.value for row in (*merit_rows(summary), *response_rows(summary))}
+    error, spread, overshoot, most = (
         figures.get(FIGURES[key].words, UNKNOWN)
-        for key in ("steady_mean_error_n", "steady_peak_to_peak_n", "overshoot_percent")
+        for key in ("steady_mean_error_n", "steady_peak_to_peak_n", "overshoot_percent", "track_error_max_n")
     )
-    if error == UNKNOWN:
+    if most != UNKNOWN and summary.strokes == 1:  # the figure ends with the first stroke
+        held = f"within {most} from 3 s after the touch"
+    elif error != UNKNOWN:
+        held = f"with a mean error of {error}, {spread} peak to peak"
+        held += f" in the last {STEADY_SAMPLES} samples" * (summary.strokes == 1)
+    else:
         return ""
     seconds = sum(summary.phases_s.values())
     targets = {cycle.force_reference for cycle in recording.cycles if cycle.phase == TRACK}
     force = f"{next(iter(targets)):g} N" if len(targets) == 1 else "the target force"
     also = f", overshoot {overshoot}" if overshoot != UNKNOWN else ""
     why = f", ended by its task ({end.text})" if end.text else ""
-    text = f"Completed in {seconds:.1f} s{why}: held {force} with a mean error of {error}, {spread} peak to peak{also}"
+    text = f"Completed in {seconds:.1f} s{why}: held {force} {held}{also}"
     return unbreakable(f"{text}{end.left and f'; {end.left}'}.")
 
 
