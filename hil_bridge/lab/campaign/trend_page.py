@@ -122,7 +122,7 @@ def trend_page(trend: Trend) -> str:
     primary = ""
     if trend.primary:
         table = _figure_table(trend, trend.primary, trend.tested)
-        primary = f"<h2>Primary figures, {kind}</h2>{table}"
+        primary, note = f"<h2>Primary figures, {kind}</h2>{note}{table}", ""
     body = f"""<header class="headline"><h1>{title} compared</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
