@@ -264,7 +264,8 @@ def test_interrupted_run_retracts_and_reports_it(bench: RunBench) -> None:
 
 
 def test_run_in_emergency_stop_does_not_move(bench: RunBench) -> None:
-    with pytest.raises(DeviceError, match="emergency stop, in standby; release it"):
+    stop = r"emergency stop, in standby; it reported operational error 13\.0, .* s before; release it at the"
+    with pytest.raises(DeviceError, match=stop):
         bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
 
 

@@ -136,17 +136,21 @@ def test_emulated_robot_is_served_with_real_sensor() -> None:
     run_real(main)
 
 
-def test_health_has_time_of_newest_frame() -> None:
-    def health_with(newest: object) -> Any:
+def test_health_has_time_and_force_of_newest_frame() -> None:
+    def health_with(newest: object, peaks: object = None) -> Any:
         robot, facts = (
             SimpleNamespace(counters={"retries": 2, "orders": 7}),
             SimpleNamespace(errors=("retries",)),
         )
-        run: Any = SimpleNamespace(robot=robot, sensor=SimpleNamespace(newest=newest, lost=3), facts=facts)
+        sensor = SimpleNamespace(newest=newest, lost=3, peaks=peaks)
+        run: Any = SimpleNamespace(robot=robot, sensor=sensor, facts=facts)
         return health_of(run)
 
-    health = health_with(SimpleNamespace(at=4.5))
+    frame = SimpleNamespace(at=4.5, values=(0.0, 0.0, -7.5))
+    health = health_with(frame, SimpleNamespace(along=lambda values: -values[2]))
     assert (health.link_errors, health.frames_lost, health.sensor_at) == (2, 3, 4.5)
+    assert health.force == 7.5
+    assert health_with(frame).force is None, "there is no zero yet"
     assert health_with(None).sensor_at is None, "no frame has arrived yet"
     assert health_of(None).sensor_at is None
 
