@@ -474,10 +474,12 @@ def test_panel_emergency_stop_is_latched(
     assert any("operational error 13.0" in text for text in texts)
     summary = summarise(recording)
     assert summary.outcome == Outcome.STOPPED
-    refusal = "refused order 24: 13 stop or emergency stop; release the stop"
+    refusal = "refused order 24: 13 stop or emergency stop; its status is now: emergency stop, in standby; "
+    remedy = "; release the stop at the controller's panel, then start again"
     causes = [event.text for event in recording.events if event.kind in (EventKind.STOP, EventKind.THEN)]
     assert summary.text == causes[0]
-    assert any(refusal in text for text in causes), "detected by the refusal, or by an earlier status"
+    found = any(refusal in text and remedy in text for text in causes)
+    assert found, "detected by the refusal, or by an earlier status"
     assert json.loads((tmp_path / "s.json").read_text())["text"] == summary.text
     position = cells[0].true_state(pressed[0] + 1.0)
     assert position.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
