@@ -478,8 +478,8 @@ def test_panel_emergency_stop_is_latched(
     remedy = "; release the stop at the controller's panel, then start again"
     causes = [event.text for event in recording.events if event.kind in (EventKind.STOP, EventKind.THEN)]
     assert summary.text == causes[0]
-    found = any(refusal in text and remedy in text for text in causes)
-    assert found, "detected by the refusal, or by an earlier status"
+    stated = any(refusal in text and remedy in text for text in causes)
+    assert stated, "detected by the refusal, or by an earlier status"
     assert json.loads((tmp_path / "s.json").read_text())["text"] == summary.text
     position = cells[0].true_state(pressed[0] + 1.0)
     assert position.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
