@@ -313,7 +313,8 @@ class Run:
             self._zeroing.axes.tracked = True
         if decision.intent.failed and decision.intent.reason is not None:
             failed = self._loop.program.where(after.program, decision.intent.reason)
-            self._journal.blame(replace(failed, facts=self._sensor.stands))
+            facts = "; ".join(filter(None, (failed.facts, self._sensor.stands)))
+            self._journal.blame(replace(failed, facts=facts))
         if decision.stands:
             sent = await cancel_orders(motion)
         else:

@@ -102,6 +102,8 @@ class Why(Struct, frozen=True):
     """Row of the table of causes."""
     fact: str
     """Description of the cause; empty without a cause."""
+    facts: str
+    """What else the device stated, such as its status; empty if there is nothing."""
     remedy: str
     last_good: LastCycle | None
     first_symptom: Symptom | None
@@ -137,6 +139,7 @@ def why_values(recording: Recording, file: object = "FILE") -> Why:
         len(recording.cycles),
         end.cause,
         "" if reason is None else reason.fact,
+        "" if reason is None else reason.facts,
         "" if reason is None else reason.remedy,
         None
         if good is None
