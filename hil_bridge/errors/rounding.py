@@ -9,12 +9,17 @@ digits are exact.
 
 
 def three_digits(value: float, bounds: Iterable[float] = ()) -> str:
-    """Format a number with three significant digits, and with more if it would otherwise reach or cross a bound."""
+    """Format a number with three significant digits, and with more if it would otherwise reach or cross a bound.
+
+    An integer has no decimals.
+    """
     limits = tuple(bounds)
     sides = [_side(value, limit) for limit in limits]
     rounded = (float(f"{value:.{digits}g}") for digits in _DIGITS)
     nearest = next((one for one in rounded if [_side(one, limit) for limit in limits] == sides), value)
-    return repr(nearest + 0.0).removesuffix(".0").replace("-", "−")
+    shortest, padded = repr(nearest + 0.0).removesuffix(".0"), f"{nearest:#.3g}".rstrip(".")
+    short = value == round(value) or "e" in padded
+    return (shortest if short else max(shortest, padded, key=len)).replace("-", "−")
 
 
 def _side(value: float, bound: float) -> int:

@@ -51,7 +51,7 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
         (
             {"at_least": 1, "at_most": 2},
             {"overshoot_percent": 0.5},
-            Unmet("overshoot_percent", "0.5 %", "at most 2 %, at least 1 %"),
+            Unmet("overshoot_percent", "0.500 %", "at most 2 %, at least 1 %"),
         ),
     ],
 )

@@ -175,20 +175,25 @@ def test_primary_figures_are_tested_among_themselves(
 
 
 def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, tmp_path: Path) -> None:
-    """The better value is marked, and neither the page nor the text has a column for tests."""
+    """The text marks the better value, and neither the page nor the text has a column for tests."""
     made(short_results, tmp_path / "made.sqlite", 2.0)
     first = "DELETE FROM runs WHERE seed > 0"
     left = changed(before, tmp_path / "left.sqlite", first)
     right = changed(tmp_path / "made.sqlite", tmp_path / "one.sqlite", first)
     result = trend(left, with_primary(right, tmp_path / "right.sqlite", "cycles", "force_true_max_n"))
     verdict = "`right` is better in 0 and worse in 1 of 2 primary figures"
-    verdict += " (1 has no preferred direction or equal values)"
-    assert point(result).startswith(f"Passed runs: 2/2 → 2/2. {verdict}, not tested; from 5 seeds on")
+    verdict += (
+        " (1 has no preferred direction or equal values); the largest difference is the force_true_max_n: "
+    )
+    verdict += (
+        "8.00 N → 10.0 N. Nothing is tested: a difference can be significant from 5 seeds on. Passed runs: "
+    )
+    assert point(result).startswith(f"{verdict}2/2 → 2/2.")
     text, lines = trend_page(result), "\n".join(trend_lines(result))
     assert "<h2>Primary figures, single runs</h2>" in text
     assert "<h2>Largest differences, not tested</h2>" in text
     assert "adjusted p" not in text + lines
-    assert '<td class="count best" data-title="○ left">8.00 N</td>' in text
+    assert '<td class="count" data-title="○ left">8.00 N</td>' in text
     assert '<td class="count" data-title="difference">+2.00 N</td>' in text
     assert re.search(r"the force_true_max_n +task.force_n 8.0 +8.00 N \* +10.0 N +\+2.00 N\n", lines)
 
@@ -228,8 +233,8 @@ def test_trend_without_significance_counts_medians(short_results: Path, before: 
     after = made(short_results, tmp_path / "made.sqlite", 0.05)
     result = trend(before, with_primary(after, tmp_path / "after.sqlite", "cycles", "force_true_max_n"))
     assert point(result).startswith(
-        "Passed runs: 24/24 → 24/24. `after` is better in 0 and worse in 1 of 2 primary figures (1 has no preferred "
-        "direction or equal values), by their medians; none of them significantly."
+        "`after` is better in 0 and worse in 1 of 2 primary figures (1 has no preferred direction or equal values); "
+        "the largest difference is the force_true_max_n: 8.55 N → 8.60 N. No difference is significant. Passed runs: "
     )
 
 
@@ -237,10 +242,8 @@ def test_trend_over_all_cells_is_in_the_badge(before: Path) -> None:
     result = trend(before, changed(before, before.with_name("same.sqlite")))
     worse = replace(result, overall=replace(result.overall, adjusted=0.01, change=Change.WORSE))
     assert worse.worse
-    assert point(worse).startswith(
-        "Passed runs: 24/24 → 24/24. `same` is significantly worse over all: "
-        "runs that passed, all cells: 24/24 → 24/24 (worse, adjusted p 0.010)."
-    )
+    verdict = "`same` is significantly worse over all cells. Passed runs: 24/24 → 24/24."
+    assert point(worse).startswith(verdict)
     assert '<span class="badge bad">significantly worse over all cells</span>' in trend_page(worse)
 
 
@@ -278,10 +281,9 @@ def test_trend_page_shows_several_results(short_results: Path, before: Path, tmp
         best = " best" * (name == "before")
         assert f'<td class="count{best}" data-title="{sign}{name}">{count}</td>' in text
     assert point(result) == (
-        "Passed runs: 24/24 → 15/24. "
         "`after` is significantly better in 0 and worse in 2 of 3 cells and figures; the clearest is "
-        "largest true force at task.force_n 8.0: 8.55 N → 10.6 N (worse, adjusted p < 0.001). "
-        "No setting differs."
+        "largest true force at task.force_n 8.0: 8.55 N → 10.6 N (worse). "
+        "Passed runs: 24/24 → 15/24. No setting differs."
     )
 
 

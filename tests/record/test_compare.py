@@ -88,7 +88,7 @@ def test_compare_begins_with_charts_and_figures() -> None:
     second = run(9.0, 20, {"run": {"seed": 2}, "task": {"force_n": 9.0}, "cell": {"new": 1}})
     page = compare_page({"a": first, "b": second})
     parts = (
-        '<p class="point">Overshoot 0.0\u00a0% in <code>a</code>, 0.0\u00a0% in <code>b</code>; RMS error',
+        '<p class="point">Rise time 0.00\u00a0s in <code>a</code>, 0.00\u00a0s in <code>b</code>; overshoot',
         "runs completed; <code>run.seed</code> differs.</p>",
         'data-charts="data-runs" data-first="1"',
         '<td class="text quiet">overshoot</td>',

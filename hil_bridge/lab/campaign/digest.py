@@ -277,6 +277,12 @@ def bound_of(run: Done) -> float | None:
     return true_force(run) - beyond if isinstance(beyond, float) and math.isfinite(beyond) else None
 
 
+def share_of_bound(run: Done) -> float:
+    """Return the largest true force of a run as a share of its bound with its faults; 0 if it has no bound."""
+    bound = bound_of(run)
+    return true_force(run) / bound if bound else 0.0
+
+
 def most_missed(plan: Plan, runs: Iterable[Done]) -> tuple[int, Criterion | None]:
     """Return the criterion that most failed runs did not meet, and their number; 0 and None if there is none."""
     failed = [run for run in runs if not run.passed]

@@ -21,6 +21,7 @@ from hil_bridge.lab.campaign.digest import (
     figure_results,
     most_missed,
     primary_results,
+    share_of_bound,
     tally_of,
     true_force,
     true_force_text,
@@ -128,7 +129,8 @@ class PageBody:
         """Render the worst run with its picture `cell`; empty without a run."""
         if run is None:
             return ""
-        title = f"Largest true force: {true_force_text(plan, run)}" if run.passed else "The worst run"
+        kind = "Nearest to its bound" if bound_of(run) else "Largest true force"
+        title = f"{kind}: {_force_text(plan, run)}" if run.passed else "The worst run"
         return f"<h2>{title}</h2>{self._article(store, plan, run, plan.cases[run.number].cell, cell)}"
 
     def _cell(self, store: Store, run: Done | None) -> str:
@@ -223,14 +225,19 @@ def point(plan: Plan, runs: Sequence[Done], planned: int) -> str:
 
 
 def _largest_force(plan: Plan, runs: Sequence[Done]) -> str:
-    """Describe the largest true force, with the criterion on it, or else the bound of that run with its faults."""
-    hardest = max(runs, key=true_force)
-    text = f"largest true force {true_force_text(plan, hardest)}"
+    """Describe the largest true force with the criterion on it, or else the true force that is nearest to its bound."""
+    text = f"largest true force {true_force_text(plan, max(runs, key=true_force))}"
     for one in plan.criteria:
         if one.figure == FORCE:
             return f"{text} (required: {one.required})"
-    bound = bound_of(hardest)
-    return text if bound is None else f"{text} (bound with its faults: {value_text('force_bound_n', bound)})"
+    nearest = max(runs, key=share_of_bound)
+    return f"{text}; nearest to its bound: {_force_text(plan, nearest)}" if bound_of(nearest) else text
+
+
+def _force_text(plan: Plan, run: Done) -> str:
+    """Format the largest true force of a run, with its bound, which includes the run's faults, if there is one."""
+    bound, text = bound_of(run), true_force_text(plan, run)
+    return text if bound is None else f"{text} of {value_text('force_bound_n', bound)}"
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
@@ -253,6 +260,7 @@ def _head(plan: Plan, tally: Tally, planned: int) -> str:
 def _counts(tally: Tally, planned: int, runs: Iterable[Done]) -> str:
     """Render the counts of the campaign by verdict and outcome, as a bar with its legend."""
     kinds = Counter((verdict_of(run), run.outcome) for run in runs)
+    several = len({outcome for _, outcome in kinds}) > 1
     bars, legend, begin = [], [], 0.0
     for verdict, count in (("passed", tally.passed), ("failed", tally.failed), ("errors", tally.errors)):
         marks = []
@@ -260,7 +268,9 @@ def _counts(tally: Tally, planned: int, runs: Iterable[Done]) -> str:
             if part := kinds[verdict, outcome]:
                 style, width = f"{verdict} {outcome}", 100.0 * part / max(planned, 1)
                 bars.append(f'<rect class="{style}" x="{begin:.2f}" width="{width:.2f}" height="1"/>')
-                marks.append(f'<i class="{style}"></i>' + f"{part} {outcome}" * (verdict != "errors"))
+                marks.append(
+                    f'<i class="{style}"></i>' + f"{part} {outcome}" * several * (verdict != "errors")
+                )
                 begin += width
         colour = f' class="{"good" if verdict == "passed" else "bad"}"' * bool(count)
         ended = f"<span>{' '.join(marks)}</span>" if marks else ""

@@ -9,7 +9,7 @@ from itertools import product
 from typing import NamedTuple
 
 from hil_bridge.lab.campaign.criteria import value_text
-from hil_bridge.lab.campaign.digest import FORCE, bound_of, most_missed, true_force, values_of
+from hil_bridge.lab.campaign.digest import FORCE, most_missed, share_of_bound, values_of
 from hil_bridge.lab.campaign.drawing import faults_of_cell
 from hil_bridge.lab.campaign.plan import NO_FAULT, Plan, faults_of_table
 from hil_bridge.lab.campaign.run_text import fault_of
@@ -48,7 +48,7 @@ class _Measure(NamedTuple):
 
     texts: Mapping[int, str]
     shares: Mapping[int, float]
-    """Value as a share of its bound; empty without a bound."""
+    """Value as a share of its bound, or the reverse for a least value; empty without a bound."""
     words: str
 
 
@@ -115,8 +115,8 @@ def _measure_of(plan: Plan, runs: Sequence[Done], by_case: Mapping[int, Sequence
         return _Measure(texts, shares, f"{words} (required: {criterion.required})")
     shares = {}
     for run in runs:
-        if run.number in texts and (limit := bound_of(run)):
-            shares[run.number] = max(shares.get(run.number, 0.0), true_force(run) / limit)
+        if run.number in texts and (share := share_of_bound(run)):
+            shares[run.number] = max(shares.get(run.number, 0.0), share)
     texts |= {case: f"{texts[case]} · {100.0 * share:.0f} %" for case, share in shares.items()}
     return _Measure(texts, shares, words + " and the largest share of its bound" * bool(shares))
 

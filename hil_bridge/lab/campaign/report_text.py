@@ -11,7 +11,7 @@ from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.junit import RECORDING, REQUIREMENT, JunitCase, Verdict, attachment, encode_junit
 from hil_bridge.lab.text_tables import aligned, markdown_table
-from hil_bridge.record.analysis.definition import UNKNOWN
+from hil_bridge.record.analysis.definition import UNKNOWN, concise
 from hil_bridge.record.analysis.figures import FIGURES
 
 FAILING_MOST = 30
@@ -119,7 +119,7 @@ def _value(result: FigureResult, value: float | None) -> str:
     if result.endless == result.runs:
         return definition.infinite
     if value is None or not result.bounds:
-        return definition.text(value)
+        return concise(value, definition.scale, definition.form, definition.unit)
     return f"{three_digits(value, result.bounds)} {definition.unit}".rstrip()
 
 

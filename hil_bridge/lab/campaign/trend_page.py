@@ -93,7 +93,7 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     )
     if same:
         yield f"and {len(same)} more cells, the same in all results"
-    yield f"*: {_note(trend)}"
+    yield f"*: {_best_words(trend)} {_note(trend)}"
 
 
 def trend_page(trend: Trend) -> str:
@@ -109,7 +109,7 @@ def trend_page(trend: Trend) -> str:
     ]
     kind = "single runs" if _single(trend) else "medians"
     others = f"{'Other figures' if trend.primary else 'Figures'} that differ, {kind}"
-    title = escape(" and ".join(names)) if len(names) == 2 else f"{len(names)} campaigns"
+    compared = escape(" and ".join(names)) if len(names) == 2 else f"{len(names)} campaigns"
     course = settings = ""
     if len(names) > 2:  # a line between two points says nothing
         charts = room("trend", trend_charts(trend), first=_FIRST_CHARTS)
@@ -118,19 +118,18 @@ def trend_page(trend: Trend) -> str:
         rows = [(one.key, one.before, one.after) for one in trend.settings]
         table = cells(("setting", names[0], names[-1]), rows, "narrow settings")
         settings = f"<h2>Settings that differ</h2>{table}"
-    note = f'<p class="quiet small"><strong>Bold</strong>: {escape(_note(trend))} {_PLOTS}</p>'
-    primary = ""
+    sections = [("Runs that passed, by cell", _cell_tables(trend))]
+    differing = others if trend.tested else "Largest differences, not tested"
+    sections.insert(any(row.best for row in trend.cells), (differing, _other_figures(trend)))
     if trend.primary:
-        table = _figure_table(trend, trend.primary, trend.tested)
-        primary, note = f"<h2>Primary figures, {kind}</h2>{note}{table}", ""
-    body = f"""<header class="headline"><h1>{title} compared</h1>
+        sections.insert(0, (f"Primary figures, {kind}", _figure_table(trend, trend.primary, trend.tested)))
+    best = f"<strong>Bold</strong>: {_best_words(trend)} " if trend.tested else ""
+    note = f'<p class="quiet small">{best}{escape(_note(trend))} {_PLOTS}</p>'
+    tables = (f"<h2>{title}</h2>{note * (n == 0)}{table}" for n, (title, table) in enumerate(sections))
+    body = f"""<header class="headline"><h1>{compared} compared</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
 <p class="point">{prose(point(trend))}</p>
-{primary}
-<div class="pair"><section><h2>Runs that passed, by cell</h2>
-{_cell_tables(trend)}</section>{note}</div>
-<h2>{others if trend.tested else "Largest differences, not tested"}</h2>
-{_other_figures(trend)}
+{"".join(tables)}
 {settings}
 {course}
 {fold(f"<h2>The results</h2>{cells(('', *names), sides, 'sides')}")}"""
@@ -138,7 +137,7 @@ def trend_page(trend: Trend) -> str:
 
 
 def point(trend: Trend) -> str:
-    """Return in three or four sentences how many runs passed, which results are better by what, and what differs."""
+    """Return in three or four sentences which results are better by what, how many runs passed, and what differs."""
     first, last = trend.results[0], trend.results[-1]
     settings = trend.settings
     differ = [
@@ -147,11 +146,11 @@ def point(trend: Trend) -> str:
     if len(settings) > _SETTINGS_MOST:
         differ = [f"{len(settings)} settings differ"]
     passed = f"Passed runs: {_count(first.tally)} → {_count(last.tally)}."
-    return f"{passed} {_verdict(trend)} {'; '.join(differ) or 'No setting differs'}."
+    return f"{_verdict(trend)} {passed} {'; '.join(differ) or 'No setting differs'}."
 
 
 def _verdict(trend: Trend) -> str:
-    """Return in one sentence how many figures are better and worse, with the most significant change."""
+    """Return in one or two sentences how many figures are better and worse, and in which the results differ most."""
     last = f"`{trend.results[-1].name}`"
     levels: tuple[tuple[str, Sequence[CellChange | FigureChange]], ...] = (
         ("primary figures", trend.primary),
@@ -160,10 +159,12 @@ def _verdict(trend: Trend) -> str:
     for kind, rows in levels:
         if judged := [row for row in rows if row.change in (Change.BETTER, Change.WORSE)]:
             counts = _counts(Counter(row.change for row in judged), len(rows))
-            clearest = _describe(trend, min(judged, key=_significance))
-            return f"{last} is significantly {counts} {kind}; the clearest is {clearest}."
+            sides = ([row for row in judged if row.change is one] for one in (Change.BETTER, Change.WORSE))
+            clearest = [_describe(trend, min(rows, key=_significance)) for rows in sides if rows]
+            verb = "is" if len(clearest) == 1 else "are"
+            return f"{last} is significantly {counts} {kind}; the clearest {verb} {' and '.join(clearest)}."
     if trend.overall.change:
-        return f"{last} is significantly {trend.overall.change} over all: {_describe(trend, trend.overall)}."
+        return f"{last} is significantly {trend.overall.change} over all cells."
     if not (listed := trend.primary or _differing(trend)):
         return "No figure differs."
     kind = "primary figures" if trend.primary else "figures that differ"
@@ -172,9 +173,10 @@ def _verdict(trend: Trend) -> str:
     if rest := directions[Change.NONE] + directions[Change.OTHER]:
         equal = " or equal values" * bool(trend.primary)
         better += f" ({rest} {'has' if rest == 1 else 'have'} no preferred direction{equal})"
+    better += f"; the largest difference is {_describe(trend, max(listed, key=_difference))}."
     if trend.tested:
-        return f"{better}, by their medians; none of them significantly."
-    return f"{better}, not tested; from {trend.runs_needed} seeds on, a difference can be significant."
+        return f"{better} No difference is significant."
+    return f"{better} Nothing is tested: a difference can be significant from {trend.runs_needed} seeds on."
 
 
 def _counts(changes: Mapping[Change, int], count: int) -> str:
@@ -182,22 +184,20 @@ def _counts(changes: Mapping[Change, int], count: int) -> str:
 
 
 def _describe(trend: Trend, row: CellChange | FigureChange) -> str:
-    """Describe a significant change."""
+    """Describe a change by the values before and after it, and its direction if it is significant."""
     if isinstance(row, FigureChange):
-        what = f"{row.label} at {_label(trend, row.cell)}"
+        what = row.title or f"{row.label} at {_label(trend, row.cell)}"
         before, after = (_median_text(row, place) for place in (0, -1))
     else:
         what = f"runs that passed, {_label(trend, row.cell)}"
         before, after = _count(row.tallies[0]), _count(row.tallies[-1])
-    return f"{what}: {before} → {after} ({row.change}, adjusted p {_probability(row.adjusted)})"
+    return f"{what}: {before} → {after}" + f" ({row.change})" * bool(row.change)
 
 
 def _note(trend: Trend) -> str:
     """Explain the values and the tests of the tables in a few sentences."""
     first, last = trend.results[0].name, trend.results[-1].name
-    best = "better" if len(trend.results) == 2 else "best"
-    where = ", where the change is significant" * trend.tested
-    parts = [f"{best}{where}. The difference is {last} minus {first}."]
+    parts = [f"The difference is {last} minus {first}."]
     if not _single(trend):
         parts.append("Brackets hold the interval of 95 % of a median, or the range of up to five runs.")
     if not trend.tested:
@@ -209,6 +209,12 @@ def _note(trend: Trend) -> str:
             f"{trend.level:g}."
         )
     return " ".join(parts)
+
+
+def _best_words(trend: Trend) -> str:
+    """Explain the mark of the best values."""
+    best = "better" if len(trend.results) == 2 else "best"
+    return f"{best}{', where the change is significant' * trend.tested}."
 
 
 def _single(trend: Trend) -> bool:
@@ -348,6 +354,11 @@ def _relative_change(row: FigureChange) -> float:
     return abs(last - first) / (abs(first) + abs(last) + least)
 
 
+def _difference(row: FigureChange) -> tuple[bool, float]:
+    """Return a key that is the larger, the more a figure differs; figures without a preferred direction are least."""
+    return row.direction is not Change.OTHER, _relative_change(row)
+
+
 def _displayed(row: FigureChange) -> list[float | None]:
     """Return the medians as displayed; None for an infinite or unknown one."""
     return [None if one is None else rounded(one, FIGURES[row.figure]) for one in row.medians]
@@ -369,7 +380,7 @@ def _ranked(trend: Trend) -> list[FigureChange]:
     significant = sorted((row for row in trend.figures if row.change), key=_significance)
     others = [row for row in _differing(trend) if not row.change]
     by_figure: dict[str, list[FigureChange]] = {}
-    for row in sorted(others, key=lambda row: (row.direction is Change.OTHER, -_relative_change(row))):
+    for row in sorted(others, key=_difference, reverse=True):
         by_figure.setdefault(row.figure, []).append(row)
     turns = zip_longest(*by_figure.values())
     return [*significant, *(row for rows in turns for row in rows if row is not None)]
@@ -391,14 +402,16 @@ def _figure_table(trend: Trend, rows: Sequence[FigureChange], tests: bool) -> st
 
 
 def _render(trend: Trend, titles: Sequence[str], rows: Sequence[_Row]) -> str:
-    """Render a table with the best value of each row in bold, its significant change coloured, and a plot."""
+    """Render a table with a plot of each row; if there are tests, the best values are bold, and the significant changes
+    coloured.
+    """
     names, labels = [one.name for one in trend.results], titles.index("cell") + 1
     names[0], names[-1] = f"○ {names[0]}", f"● {names[-1]}"
     lines: list[Sequence[str | Value]] = [
         (
             Value(row.labels[0], "", *row.labels[1:]),
             *(
-                Value(text, "best" if place in row.best else "", interval)
+                Value(text, "best" if trend.tested and place in row.best else "", interval)
                 for place, (text, interval) in enumerate(zip(row.values, row.intervals, strict=True))
             ),
             Value("", "plotted", "", row.plot),

@@ -37,15 +37,17 @@ def conform_page(
     style, outcome = ("bad", "failed") if failed else ("good", "passed")
     if all(one.verdict.outcome is Outcome.SKIPPED for one in results):
         style, outcome = "plain", "not tested"
-    notes = "".join(
+    cautions = "".join(
         f'<p class="bar caution"><b>Caution:</b>{escape(text)}.</p>' for text in lateness(results)
     )
-    notes += "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
+    badge = outcome + ", timing uncertain" * bool(cautions)
+    notes = "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
-    body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{outcome}</span></header>
+    body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{badge}</span></header>
 <p class="quiet small">Client <code title="{escape(shlex.join(command))}">{escape(short)}</code>, {tested}
 with hil-bridge {escape(released())}, suite {SUITE_VERSION}.</p>
 <p class="point">{prose(unbreakable(_verdict(results, failed)))}</p>
+{cautions}
 {_table(results) if len(results) > 1 else ""}{notes}
 {"".join(_failure(trial, one, client) for one in failed)}
 {fold(f"<h2>Rules</h2>{cells(('rule', 'value', 'meaning'), rules, 'narrow')}")}

@@ -47,7 +47,7 @@ _TABLE = (
     ),
     Definition(
         "force_beyond_n",
-        "true force beyond its bound",
+        "true force minus its bound",
         "N",
         "largest true force minus that bound and the increase due to faults; omitted if infinite",
         _CAMPAIGN,

@@ -327,9 +327,9 @@ var HilCell = (() => {
     }
 
     legend(stops) {
-      const [name, unit_] = PAINTS[this.now], [low, high] = this.range, bar = element("i"), ticks = element("div", "hil-ticks");
+      const [name, unit_] = PAINTS[this.now], [low, high] = this.range, bar = element("i"), ticks = element("div", "hil-ticks"), ends = this.now === "removed" ? ["", ""] : [low < 0 ? "≤ " : "", "≥ "];
       bar.style.background = `linear-gradient(to right, ${stops.map(one => `rgb(${one.join()})`).join()})`;
-      ticks.append(...[low, (low + high) / 2, high].map(value => element("span", "", digits(value))));
+      ticks.append(...[low, (low + high) / 2, high].map((value, k) => element("span", "", `${ends[k / 2] || ""}${digits(value)}`)));
       this.scale.replaceChildren(element("b", "", `${name}, ${unit_}`), bar, ticks);
     }
 

@@ -43,8 +43,8 @@ _TASK = {
     "task.step": ("steps of the program", ""),
 }
 """Settings that define the task, with quantity and unit; the steps are too long for a sentence."""
-_RESULTS = tuple(FIGURES[key].words for key in ("overshoot_percent", "rms_error_n"))
-"""Figures in the first sentence, by their labels."""
+_RESULTS = tuple(FIGURES[key].words for key in ("rise_s", "overshoot_percent", "rms_error_n"))
+"""Figures in the first sentence, by their labels; the last one is comparable only if the runs have the same task."""
 _RESULTS_MOST = 4
 """Maximum number of runs whose figures are in the first sentence. Chosen: two lines of text."""
 _TOUCH_S = (-0.5, 3.0)
@@ -102,7 +102,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     caution = _caution([*ours], [*settings, *only_some])
     merit = _figure_table(labels, summaries, figures, merits, best=not caution)
     body = f"""<h1>{len(runs)} runs compared</h1>
-<p class="point">{"" if caution else prose(_results(dict(zip(runs, figures, strict=True))))}
+<p class="point">{prose(_results(dict(zip(runs, figures, strict=True)), _RESULTS[: -1 if caution else None]))}
 {prose(_point([summaries[name] for name in ours], [key for key, *_ in settings]))}</p>
 {caution}
 <h2>Course</h2>
@@ -142,10 +142,10 @@ def _caution(names: Sequence[str], settings: Sequence[tuple[str, ...]]) -> str:
     return f'<p class="bar caution"><b>Different tasks:</b>{text}</p>'
 
 
-def _results(figures: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the most important figures of each run in one sentence; empty if there are too many runs."""
+def _results(figures: Mapping[str, Mapping[str, str]], labels: Sequence[str]) -> str:
+    """Return the figures with these labels of each run in one sentence; empty if there are too many runs."""
     parts = []
-    for label in _RESULTS:
+    for label in labels:
         values = {name: texts.get(label, UNKNOWN) for name, texts in figures.items()}
         known = [f"{text} in `{name}`" for name, text in values.items() if text != UNKNOWN]
         parts += [f"{label} {', '.join(known)}"] * bool(known)

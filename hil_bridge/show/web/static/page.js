@@ -86,7 +86,7 @@
     set($("step"), now.step ? `step ${now.step} of ${scene.steps.length}: ${now.step_label}` : "");
     $("held").hidden = !now.held;
     set($("elapsed"), now.stopped_s === null ? fixed(now.elapsed_s, 1, "s") : `at ${fixed(now.stopped_s, 1, "s")}`);
-    set($("remaining"), now.remaining_s === null || leaving || end ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
+    set($("remaining"), now.remaining_s === null || leaving || end ? "" : `${fixed(now.remaining_s, 0, "s")} left`);
     set($("force"), fixed(now.force, 2));
     set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none");
     const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
