@@ -40,7 +40,7 @@ def conform_page(
     cautions = "".join(
         f'<p class="bar caution"><b>Caution:</b>{escape(text)}.</p>' for text in lateness(results)
     )
-    badge = outcome + ", timing uncertain" * bool(cautions)
+    badge = outcome + ", timing uncertain" * any(lateness(failed or results))
     notes = "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
     body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{badge}</span></header>
