@@ -129,8 +129,7 @@ class PageBody:
         """Render the worst run with its picture `cell`; empty without a run."""
         if run is None:
             return ""
-        kind = "Nearest to its bound" if bound_of(run) else "Largest true force"
-        title = f"{kind}: {_force_text(plan, run)}" if run.passed else "The worst run"
+        title = f"Largest true force: {_force_text(plan, run)}" if run.passed else "The worst run"
         return f"<h2>{title}</h2>{self._article(store, plan, run, plan.cases[run.number].cell, cell)}"
 
     def _cell(self, store: Store, run: Done | None) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hil_bridge.errors import BridgeError
-from hil_bridge.lab.campaign.digest import share_of_bound, true_force, worst_first
+from hil_bridge.lab.campaign.digest import true_force, worst_first
 from hil_bridge.lab.campaign.judging import attempt
 from hil_bridge.lab.campaign.repeating import compare_run, repeat_of
 from hil_bridge.lab.campaign.store import Done, Store
@@ -23,17 +23,11 @@ class WorstRecording(NamedTuple):
 
 
 def worst_run(store: Store, runs: Sequence[Done]) -> Done | None:
-    """Return the result of a hunt, otherwise the worst failed run, otherwise the run whose true force is nearest to its
-    bound, or is largest if there is no bound.
-    """
+    """Return the result of a hunt, otherwise the worst failed run, otherwise the run with the largest true force."""
     for run in store.runs("key = ?", [store.fact("worst")]):
         return run
     failed = worst_first(store.plan().criteria, runs)
-    return (
-        failed[0]
-        if failed
-        else max(runs, key=lambda run: (share_of_bound(run), true_force(run)), default=None)
-    )
+    return failed[0] if failed else max(runs, key=true_force, default=None)
 
 
 def recording_of(store: Store, run: Done) -> WorstRecording | None:
