@@ -215,7 +215,7 @@ def test_page_repeats_hardest_run_without_recording(results: Path, tmp_path: Pat
         with Store.open(path) as store:
             texts.append(page(store, tmp_path / "page.html"))
     ended = "Every run so far met every criterion; largest true force"
-    assert re.search(rf"{ended} \S+ N \(required: below 60 N\)\.", texts[0])
+    assert re.search(rf"{ended} \S+\sN \(required: below 60\sN\)\.", texts[0])
     assert "Show this run in three dimensions" in texts[0]
     assert "The run was repeated for this picture; all figures are the same." in texts[0]
     assert "The run was repeated for this picture; figures that differ from the results: 1." in texts[1]

@@ -1,6 +1,7 @@
 """Comparison of campaigns: sums by cell, significant changes, the page, and the exit code."""
 
 import json
+import math
 import re
 import sqlite3
 from collections.abc import Sequence
@@ -125,12 +126,19 @@ def test_trend_lists_setting_changes_first(before: Path, tmp_path: Path) -> None
 
 def test_interval_plot_includes_zero_and_best_value() -> None:
     plot = interval_plot((10.0, 20.0, 30.0), (0.0, 0.0, 5.0), 0.0, "good")
-    (best,) = re.findall(r'class="best" d="M(\S+)', plot)
-    first, last = (float(x) for x in re.findall(r'<circle cx="(\S+)"', plot))
+    (best,) = re.findall(r'class="best" x1="(\S+)%"', plot)
+    first, last = (float(x) for x in re.findall(r'<circle cx="(\S+)%"', plot))
     assert float(best) == last
-    ends = [float(x) for x in re.findall(r'd="M(\S+) 5H(\S+)"', plot)[0]]
-    assert first - last == pytest.approx(2.0 * (ends[1] - first), abs=0.2)
+    ends = [float(x) for x in re.findall(r'x1="\S+%" x2="(\S+)%" y1="5"', plot)]
+    assert first - last == pytest.approx(2.0 * (ends[0] - first), abs=0.2)
     assert "<circle" not in interval_plot(None, None, None, "")
+
+
+def test_interval_plot_with_endless_end_has_arrow() -> None:
+    plot = interval_plot((1.0, 2.0, math.inf), (1.0, 2.0, 3.0), None, "")
+    first, last = re.findall(r"<g .*?</g>", plot)
+    assert ("<circle" in first, "<path" in first) == (True, True)
+    assert ("<circle" in last, "<path" in last) == (True, False)
 
 
 def test_few_failures_are_not_significant(short_results: Path, before: Path, tmp_path: Path) -> None:
@@ -225,7 +233,7 @@ def test_trend_endless_time_is_never(before: Path, tmp_path: Path) -> None:
     result = trend(left, tmp_path / "right.sqlite")
     lines = "\n".join(trend_lines(result))
     (plot,) = re.findall(r'<g class="last bad">(.*?)</g>', trend_page(result))
-    assert ("<circle" in plot, plot.count("<path")) == (False, 2)  # an interval, and an arrow
+    assert ("<circle" in plot, plot.count("<path")) == (False, 1)  # an arrow
     assert re.search(r"settling time +task.force_n 8.0 +0.50 s \* +never +– +< 0", lines)
 
 

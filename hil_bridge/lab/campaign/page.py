@@ -41,6 +41,7 @@ from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.analysis.why import why
 from hil_bridge.show.charts.cell import cell_picture
+from hil_bridge.show.charts.end_panel import unbreakable
 from hil_bridge.show.pages import cell_room, document
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.markup import Value, cells, command, fold, pairs, prose, stacked
@@ -110,7 +111,7 @@ class PageBody:
         cell, rows = self._cell(store, worst), primary_results(plan, figures)
         primary = f"<h2>Primary figures</h2>{_figures(rows)}" if rows else ""
         return f"""{_head(plan, tally, planned)}
-<p class="point">{prose(point(plan, runs, planned))}</p>
+<p class="point">{prose(unbreakable(point(plan, runs, planned)))}</p>
 {_counts(tally, planned, runs)}
 <h2>Each case of the matrix</h2>
 {matrix(plan, runs)}
@@ -129,8 +130,17 @@ class PageBody:
         """Render the worst run with its picture `cell`; empty without a run."""
         if run is None:
             return ""
-        title = f"Largest true force: {_force_text(plan, run)}" if run.passed else "The worst run"
-        return f"<h2>{title}</h2>{self._article(store, plan, run, plan.cases[run.number].cell, cell)}"
+        listed = {"The worst run": run}
+        if run.passed:
+            nearest = max(store.runs(), key=share_of_bound)
+            listed = {f"Largest true force: {_force_text(plan, run)}": run}
+            if bound_of(nearest) and nearest.key != run.key:
+                listed[f"Nearest to its bound: {_force_text(plan, nearest)}"] = nearest
+        return "".join(
+            f"<h2>{unbreakable(title)}</h2>"
+            + self._article(store, plan, one, plan.cases[one.number].cell, cell * (one is run))
+            for title, one in listed.items()
+        )
 
     def _cell(self, store: Store, run: Done | None) -> str:
         """Render the worst run in three dimensions, which the reader opens; empty without a recording."""
@@ -267,9 +277,8 @@ def _counts(tally: Tally, planned: int, runs: Iterable[Done]) -> str:
             if part := kinds[verdict, outcome]:
                 style, width = f"{verdict} {outcome}", 100.0 * part / max(planned, 1)
                 bars.append(f'<rect class="{style}" x="{begin:.2f}" width="{width:.2f}" height="1"/>')
-                marks.append(
-                    f'<i class="{style}"></i>' + f"{part} {outcome}" * several * (verdict != "errors")
-                )
+                text = f"{part} {outcome}" * (verdict != "errors")
+                marks += [f'<i class="{style}"></i>{text}'] * several
                 begin += width
         colour = f' class="{"good" if verdict == "passed" else "bad"}"' * bool(count)
         ended = f"<span>{' '.join(marks)}</span>" if marks else ""

@@ -161,8 +161,8 @@ class _Picture:
         self._high = max([high, *self._near.values()])
         self._span = self._high - self._low or 1.0
         self._key, self._values = key, values
-        self._room = 18 if self._near else 8
-        """Height above the tallest bar, px; the label of a bound needs more."""
+        self._room = (18 if self._near else 8) + 10 * (len(values) >= FEW)
+        """Height above the tallest bar or pile, px; the labels of a bound and of the number of runs need more."""
 
     def draw(self) -> str:
         """Return the SVG."""
@@ -198,10 +198,12 @@ class _Picture:
             return max(1.5, (_HEIGHT - self._room) * share)
 
         parts = []
-        for power in range(1, int(math.log10(top)) + 1) if crowded else ():
-            y = _HEIGHT - height_of(10**power)
+        marked = [10**power for power in range(1, int(math.log10(top)) + 1)] if crowded else [top]
+        for count in marked:
+            y = _HEIGHT - height_of(count)
+            label = _runs(count) + ", logarithmic" * crowded if count == marked[-1] else f"{count}"
             parts.append(f'<path class="grid" d="M0 {y:.1f}H{_WIDTH}"/>')
-            parts.append(f'<text x="{_WIDTH}" y="{y - 2:.1f}" text-anchor="end">{10**power}</text>')
+            parts.append(f'<text x="{_WIDTH}" y="{y - 2:.1f}" text-anchor="end">{label}</text>')
         for place, count in sorted(counts.items()):
             height = height_of(count)
             first = low + place * span / bins

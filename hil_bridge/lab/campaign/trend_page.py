@@ -13,6 +13,7 @@ from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Tre
 from hil_bridge.lab.text_tables import aligned
 from hil_bridge.record.analysis.definition import UNKNOWN, concise, difference, rounded
 from hil_bridge.record.analysis.figures import FIGURES
+from hil_bridge.show.charts.end_panel import unbreakable
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.pages.svg import Interval, interval_plot
 from hil_bridge.show.report.markup import Value, cells, fold, prose, stacked
@@ -31,7 +32,7 @@ _SETTINGS_MOST = 2
 """Maximum number of settings named in the first sentences, instead of in a table. Chosen."""
 _TESTS = "adjusted p", "change"
 """Titles of the columns with the test of a row."""
-_PLOTS = "In plots, closer to the vertical line is better, and an arrow is never, or none."
+_PLOTS = "In plots, closer to the vertical line, if there is one, is better, and an arrow is never, or none."
 _PLACE = "place"
 _CASE = "case "
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
@@ -124,11 +125,11 @@ def trend_page(trend: Trend) -> str:
     if trend.primary:
         sections.insert(0, (f"Primary figures, {kind}", _figure_table(trend, trend.primary, trend.tested)))
     best = f"<strong>Bold</strong>: {_best_words(trend)} " if trend.tested else ""
-    note = f'<p class="quiet small">{best}{escape(_note(trend))} {_PLOTS}</p>'
+    note = f'<p class="quiet small">{best}{escape(unbreakable(_note(trend)))} {_PLOTS}</p>'
     tables = (f"<h2>{title}</h2>{note * (n == 0)}{table}" for n, (title, table) in enumerate(sections))
     body = f"""<header class="headline"><h1>{compared} compared</h1>
 <span class="badge {style}">{_outcome(trend)}</span></header>
-<p class="point">{prose(point(trend))}</p>
+<p class="point">{prose(unbreakable(point(trend)))}</p>
 {"".join(tables)}
 {settings}
 {course}
@@ -145,7 +146,13 @@ def point(trend: Trend) -> str:
     ]
     if len(settings) > _SETTINGS_MOST:
         differ = [f"{len(settings)} settings differ"]
-    passed = f"Passed runs: {_count(first.tally)} → {_count(last.tally)}."
+    unfinished = [
+        f"`{one.name}` has {one.tally.total} of {one.planned} runs"
+        for one in trend.results
+        if one.tally.total < one.planned
+    ]
+    note = f" ({'; '.join(unfinished)})" * bool(unfinished)
+    passed = f"Passed runs: {_count(first.tally)} → {_count(last.tally)}{note}."
     return f"{_verdict(trend)} {passed} {'; '.join(differ) or 'No setting differs'}."
 
 
@@ -258,7 +265,7 @@ def _cell_row(trend: Trend, row: CellChange) -> _Row:
         counts,
         ("",) * len(counts),
         _best(trend, row),
-        interval_plot(first, last, 100.0, _CLASSES[row.change]),
+        interval_plot(first, last, 100.0, _CLASSES[row.change]) if row.best else "",
         _test_texts(row) * trend.tested,
         row.change,
     )
@@ -270,7 +277,7 @@ def _count(tally: Tally) -> str:
 
 def _figure_row(trend: Trend, row: FigureChange, tests: bool) -> _Row:
     medians = tuple(_median_text(row, place) for place in range(len(row.medians)))
-    intervals = tuple(_interval_text(row, interval) for interval in row.intervals)
+    intervals = tuple(_interval_text(row, place, trend.tested) for place in range(len(row.medians)))
     more = (_difference_text(row), *_test_texts(row) * tests)
     ideal = FIGURES[row.figure].ideal(min((one for one in row.medians if one is not None), default=0.0))
     plot = interval_plot(_ends(row, 0), _ends(row, -1), ideal, _CLASSES[row.change])
@@ -309,15 +316,19 @@ def _median_text(row: FigureChange, place: int) -> str:
     return _number(row, math.inf if median is None else median, FIGURES[row.figure].unit)
 
 
-def _interval_text(row: FigureChange, interval: tuple[float, float] | None) -> str:
-    ends = dict.fromkeys(_number(row, value) for value in interval or ())
-    return f"({' … '.join(ends)})" if len(ends) > 1 else ""
+def _interval_text(row: FigureChange, place: int, tested: bool) -> str:
+    """Format the interval of a median; of results that are too few for tests, also the number of runs."""
+    ends = dict.fromkeys(_number(row, value) for value in row.intervals[place] or ())
+    runs = f"{row.runs[place]} run{'s' * (row.runs[place] != 1)}" * (not tested)
+    return " ".join(filter(None, (f"({' … '.join(ends)})" if len(ends) > 1 else "", runs)))
 
 
 def _number(row: FigureChange, value: float, unit: str = "") -> str:
     definition = FIGURES[row.figure]
     if not math.isfinite(value):
         return definition.infinite
+    if not rounded(value, definition):
+        return f"0 {unit}".rstrip()
     return concise(value, definition.scale, definition.form, unit)
 
 

@@ -51,6 +51,8 @@ class Results(Struct, frozen=True):
     """Label of the results in the comparison: the file name."""
     campaign: str
     tally: Tally
+    planned: int
+    """Number of runs of the complete campaign."""
     facts: Mapping[str, str]
 
 
@@ -189,7 +191,9 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
         plan, runs = store.plan(), list(store.runs())
         if not runs:
             raise ConfigError(f"{store.path} has no run yet; run the campaign first")
-        results.append(Results(name, plan.name, tally_of(runs), dict(facts_of(store, plan, runs))))
+        results.append(
+            Results(name, plan.name, tally_of(runs), plan.count, dict(facts_of(store, plan, runs)))
+        )
         by_cell.append(runs_by_cell(plan, runs))
         by_case.append(runs_by_case(plan, runs))
     first, *_, last = stores.values()

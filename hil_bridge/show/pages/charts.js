@@ -16,7 +16,7 @@
    Every text is set as text, never as HTML. */
 "use strict";
 var HilCharts = (() => {
-  const BARS_MOST = 1500, ROOM_FROM = 0.5, MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
+  const BARS_MOST = 1500, ROOM_FROM = 0.5, MARK_REACH_PX = 7, NAMES_PX = 22, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
   let drawn = 0;
 
   const element = (tag, name, text) => {
@@ -396,7 +396,7 @@ var HilCharts = (() => {
       this.stack.append(box);
       const options = {
         width: this.width(box), height: spec.height_px || 180, padding: [6, 10, 0, 0],
-        legend: {markers: {dash: (u, k) => (k === 0 ? "solid" : lines[k - 1].dashed ? "dashed" : lines[k - 1].style === "points" ? "dotted" : "solid")}},
+        legend: {markers: {dash: (u, k) => (k === 0 ? "solid" : lines[k - 1].dashed ? (lines[k - 1].colour === "target" ? "dotted" : "dashed") : lines[k - 1].style === "points" ? "dotted" : "solid")}},
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
         scales: {x: {time: false, auto: false, distr: this.spec.axes[axis].log ? 3 : 1}, y: {distr: spec.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
         axes: [this.xAxis(chart), this.yAxis()],
@@ -437,7 +437,7 @@ var HilCharts = (() => {
           : line.edge && row !== null && Number.isFinite(u.data[k - 1][row]) ? `${number(u.data[k - 1][row])} … ${number(value)}${unit}`
           : line.values && line.values.length ? line.values[value] ?? number(value) : number(value) + unit,
       };
-      if (line.dashed) made.dash = [6, 4];
+      if (line.dashed) made.dash = line.colour === "target" ? [2, 3] : [6, 4];
       if (line.edge) made.points = {show: false};
       if (style === "step") { made.paths = uPlot.paths.stepped({align: 1}); made.points = {show: false}; }
       if (style === "points") made.paths = () => null;
@@ -481,8 +481,8 @@ var HilCharts = (() => {
       if (spec.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
       const missing = Math.max((spec.least_span || 0) - (high - low), high === low ? Math.abs(high) * 0.1 || 1 : 0) / 2;
       if (missing > 0) { low -= missing; high += missing; }
-      const room = (high - low) * 0.08;
-      return [spec.zero && low === 0 ? 0 : low - room, spec.zero && high === 0 ? 0 : high + room];
+      const room = (high - low) * 0.08, named = chart.first && this.spec.spans.length ? NAMES_PX / (spec.height_px || 180) * (high - low) : 0;
+      return [spec.zero && low === 0 ? 0 : low - room, spec.zero && high === 0 ? named : high + Math.max(room, named)];
     }
 
     xAxis(chart) {

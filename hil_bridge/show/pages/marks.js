@@ -53,8 +53,9 @@ var HilMarks = (() => {
     for (const {span, left, right} of places(charts, chart, u, box)) {
       if (span.kind === "fault") continue;
       const from = Math.max(left, box.left), to = Math.min(right, box.left + box.width);
-      const text = cut(ctx, span.text, Infinity), width = ctx.measureText(text).width, at = (from + to - width) / 2;
-      if (width > to - from - 4 * ratio || at < free) continue;
+      const text = cut(ctx, span.text, Infinity), width = ctx.measureText(text).width, narrow = width > to - from - 4 * ratio;
+      const at = narrow ? to - width - 3 * ratio : (from + to - width) / 2;
+      if (at < free || (narrow && to < box.left + box.width)) continue;   // the last one may begin before its span
       ctx.fillText(text, at, box.top + 3 * ratio);
       free = at + width + 4 * ratio;
     }

@@ -22,8 +22,6 @@ PALETTES = {"amount": VIRIDIS, "sign": COOLWARM}
 Interval: TypeAlias = tuple[float, float, float]
 """Least value, median, and largest value."""
 _LEAST_PX = 45.0
-_PLOT_PX = 300
-"""Width of a plot of intervals, px. Chosen."""
 
 
 class Frame:
@@ -133,24 +131,26 @@ def dot(place: tuple[float, float], radius: float, colour: str) -> str:
 def interval_plot(first: Interval | None, last: Interval | None, best: float | None, style: str) -> str:
     """Draw two values with their intervals on one axis that includes 0, and a line at the best value.
 
-    An infinite value is an arrow at the end of the axis; None is not drawn. `style` is the style of the last value.
+    An infinite value or end of an interval is an arrow at the end of the axis; None is not drawn. `style` is that of the
+    last value.
     """
     drawn = [(one, 5 + 12 * place) for place, one in enumerate((first, last)) if one is not None]
     known = [0.0, best or 0.0, *(value for one, _ in drawn for value in one if math.isfinite(value))]
     low, span = min(known), max(known) - min(known) or 1.0
 
-    def x(value: float) -> float:
-        return min(6.0 + (value - low) / span * (_PLOT_PX - 26.0), _PLOT_PX - 2.0)
+    def x(value: float) -> str:
+        """Return a place as a share of the width, which leaves room for marks and arrows at the ends."""
+        return f"{min(2.0 + 91.0 * (value - low) / span, 99.0):.1f}%"
 
-    parts = [f'<path class="best" d="M{x(best):.1f} 0v22"/>'] if best is not None else []
+    parts = [f'<line class="best" x1="{x(best)}" x2="{x(best)}" y2="22"/>'] if best is not None else []
     for (least, value, most), y in drawn:
-        at = x(value)
-        mark = f'<circle cx="{at:.1f}" cy="{y}" r="4"/>'
-        if math.isinf(value):
-            mark = f'<path d="M{at - 8:.1f} {y - 4}l8 4l-8 4z"/>'
+        mark = "" if math.isinf(value) else f'<circle cx="{x(value)}" cy="{y}" r="4"/>'
+        if math.isinf(most):
+            mark += f'<svg x="{x(most)}" y="{y}"><path d="M-8 -4l8 4l-8 4z"/></svg>'
         named = f"last {style}" if y > 5 else "first"
-        parts.append(f'<g class="{named}"><path d="M{x(least):.1f} {y}H{x(most):.1f}"/>{mark}</g>')
-    return f'<svg class="plot" viewBox="0 0 {_PLOT_PX} 22" aria-hidden="true">{"".join(parts)}</svg>'
+        interval = f'<line x1="{x(least)}" x2="{x(most)}" y1="{y}" y2="{y}"/>'
+        parts.append(f'<g class="{named}">{interval}{mark}</g>')
+    return f'<svg class="plot" aria-hidden="true">{"".join(parts)}</svg>'
 
 
 def scale_colours(shares: NDArray[np.float64], stops: Sequence[tuple[int, int, int]]) -> NDArray[np.uint8]:

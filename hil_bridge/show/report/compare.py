@@ -138,7 +138,7 @@ def _caution(names: Sequence[str], settings: Sequence[tuple[str, ...]]) -> str:
             parts.append(f"{quantity} {', '.join(texts)}" if unit else quantity)
     if not parts:
         return ""
-    text = f"{prose('; '.join(parts))}. Compare the figures with care."
+    text = f"{prose(unbreakable('; '.join(parts)))}. Compare the figures with care."
     return f'<p class="bar caution"><b>Different tasks:</b>{text}</p>'
 
 
@@ -197,7 +197,7 @@ def _side_by_side(labels: Iterable[str], lines: Iterable[str], style: str, last:
         f'<th><i class="swatch" style="background:var(--c{place})"></i>{escape(name)}</th>'
         for place, name in enumerate(labels, 1)
     )
-    heads += f"<th>{escape(last)}</th><th></th>" if last else ""
+    heads += f"<th>{escape(last)}</th><th>farther from 0</th>" if last else ""
     return across(table(lines, style, f"<thead><tr><th></th>{heads}</tr></thead>"))
 
 
@@ -344,7 +344,7 @@ def _figure_table(
     )
     text = "Bold is the best value." if best else "No value is marked as best: the tasks differ."
     text += (
-        " A bar points to the run whose value is farther from 0; a full one is a difference of 100 %."
+        " A bar points to the run whose value is farther from 0; a full bar is a difference of 100 %."
         * bool(changes)
     )
     return _side_by_side(labels, lines, "narrow stacked", last) + note("" if others else text)

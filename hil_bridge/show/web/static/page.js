@@ -115,7 +115,7 @@
     const counted = count => [count === null ? "–" : String(count), count === null ? "" : count ? "warn" : "good"];
     const scope = playback ? ", full run" : "";
     const lines = [[`link errors${scope}`, ...counted(now.link_errors)], [`frames lost${scope}`, ...counted(now.frames_lost)]];
-    for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} sent, ${received} received`]);
+    for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} out, ${received} in`]);
     if (now.dropped) lines.push(["not displayed", `${now.dropped} records`, "warn"]);
     if (troubles) lines.push(["errors", troubles, "wide warn"]);
     const check = now.zero || now.check, listed = [...$("list").children].some(one => one.dataset.text === check);
