@@ -131,8 +131,8 @@ def dot(place: tuple[float, float], radius: float, colour: str) -> str:
 def interval_plot(first: Interval | None, last: Interval | None, best: float | None, style: str) -> str:
     """Draw two values with their intervals on one axis that includes 0, and a line at the best value.
 
-    An infinite value or end of an interval is an arrow at the end of the axis; None is not drawn. `style` is that of the
-    last value.
+    An infinite value or end of an interval is an arrow at the end of the axis; None is not drawn. `style` is the class
+    of the last value.
     """
     drawn = [(one, 5 + 12 * place) for place, one in enumerate((first, last)) if one is not None]
     known = [0.0, best or 0.0, *(value for one, _ in drawn for value in one if math.isfinite(value))]
