@@ -117,7 +117,7 @@ class PageBody:
 {matrix(plan, runs)}
 {primary}
 <div class="pair"><section class="rest">{hunted + cell if hunted else self._worst(store, plan, worst, cell)}
-</section><section>{_criteria(plan, runs)}</section></div>
+</section><section>{_criteria(plan, runs)}{self._nearest(store, plan, runs, worst)}</section></div>
 {fold(self._others(store, plan, others), "more-failed")}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}
@@ -130,17 +130,23 @@ class PageBody:
         """Render the worst run with its picture `cell`; empty without a run."""
         if run is None:
             return ""
-        listed = {"The worst run": run}
-        if run.passed:
-            nearest = max(store.runs(), key=share_of_bound)
-            listed = {f"Largest true force: {_force_text(plan, run)}": run}
-            if bound_of(nearest) and nearest.key != run.key:
-                listed[f"Nearest to its bound: {_force_text(plan, nearest)}"] = nearest
-        return "".join(
-            f"<h2>{unbreakable(title)}</h2>"
-            + self._article(store, plan, one, plan.cases[one.number].cell, cell * (one is run))
-            for title, one in listed.items()
-        )
+        title = f"Largest true force: {_force_text(plan, run)}" if run.passed else "The worst run"
+        article = self._article(store, plan, run, plan.cases[run.number].cell, cell)
+        return f"<h2>{unbreakable(title)}</h2>{article}"
+
+    def _nearest(self, store: Store, plan: Plan, runs: Sequence[Done], worst: Done | None) -> str:
+        """Render the run whose true force is nearest to its bound; empty if it is the worst run, or if a run failed."""
+        nearest = max(runs, key=share_of_bound, default=None)
+        if (
+            worst is None
+            or not worst.passed
+            or nearest is None
+            or nearest.key == worst.key
+            or not bound_of(nearest)
+        ):
+            return ""
+        article = self._article(store, plan, nearest, plan.cases[nearest.number].cell)
+        return f"<h2>Nearest to its bound: {unbreakable(_force_text(plan, nearest))}</h2>{article}"
 
     def _cell(self, store: Store, run: Done | None) -> str:
         """Render the worst run in three dimensions, which the reader opens; empty without a recording."""

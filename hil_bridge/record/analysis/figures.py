@@ -108,7 +108,13 @@ _TABLE = (
         least=1.0,
         of_several="first sample at 90 % of the target, slowest stroke",
     ),
-    Definition("rise_s", "rise time", "s", "the rise as time", least=0.02),
+    Definition(
+        "rise_s",
+        "rise time",
+        "s",
+        "time from the first tracked sample to the first one at 90 % of the target",
+        least=0.02,
+    ),
     Definition(
         "overshoot_percent",
         "overshoot",

@@ -307,7 +307,7 @@ var HilCharts = (() => {
 
     shown() {
       const all = this.spec.charts.filter((spec, index) => this.order.includes(spec) || this.shows(spec, index));
-      if (this.options.follow !== null) {
+      if (this.options.keep !== null) {   // also after its end, so that a resize does not move them
         this.order.push(...all.filter(spec => !this.order.includes(spec)));
         all.sort((one, other) => this.order.indexOf(one) - this.order.indexOf(other));
       }
