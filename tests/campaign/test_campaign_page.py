@@ -248,7 +248,10 @@ def test_distributions_begin_with_most_information(results: Path) -> None:
     ]
     first, second = distributions(plan, runs).split("</figure>")[:2]
     assert ("overshoot_percent" in first, "cycles" in second) == (True, True)
-    assert (first.count('class="grid"'), second.count('class="grid"')) == (0, 1)
+    assert [re.findall(r">([^<]*runs?[^<]*)</text>", one) for one in (first, second)] == [
+        ["5 runs"],
+        ["10 runs, logarithmic"],
+    ]
     heights = [float(height) for height in re.findall(r'<rect .*?height="(.*?)"', second)]
     assert heights[1] / heights[0] == pytest.approx(math.log(2) / math.log(100), abs=0.01)
 

@@ -196,14 +196,16 @@ def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, t
     verdict += (
         "8.00 N → 10.0 N. Nothing is tested: a difference can be significant from 5 seeds on. Passed runs: "
     )
-    assert point(result).startswith(f"{verdict}2/2 → 2/2.")
+    assert point(result).startswith(f"{verdict}2/2 → 2/2 (`left` has 2 of 8 runs; `right` has 2 of 8 runs).")
     text, lines = trend_page(result), "\n".join(trend_lines(result))
     assert "<h2>Primary figures, single runs</h2>" in text
     assert "<h2>Largest differences, not tested</h2>" in text
     assert "adjusted p" not in text + lines
-    assert '<td class="count" data-title="○ left">8.00 N</td>' in text
+    assert '<td class="count" data-title="○ left">8.00 N <small>(1 run)</small></td>' in text
     assert '<td class="count" data-title="difference">+2.00 N</td>' in text
-    assert re.search(r"the force_true_max_n +task.force_n 8.0 +8.00 N \* +10.0 N +\+2.00 N\n", lines)
+    assert re.search(
+        r"the force_true_max_n +task.force_n 8.0 +8.00 N \(1 run\) \* +10.0 N \(1 run\) +\+2.00 N\n", lines
+    )
 
 
 def test_trend_ranks_displayed_differences(before: Path, tmp_path: Path) -> None:

@@ -130,7 +130,7 @@ def test_compare_names_controller_and_warns_of_other_task() -> None:
     first, second = (run(9.0, 20, {"task": {"force_n": force_n}}) for force_n in (9.0, 14.0))
     second = replace(second, metadata={**second.metadata, "controller": "predictive"})
     page = compare_page({"a": first, "b": second})
-    caution = "target force 9 N in <code>a</code>, 14 N in <code>b</code>"
+    caution = "target force 9\u00a0N in <code>a</code>, 14\u00a0N in <code>b</code>"
     assert page.index(f'<p class="bar caution"><b>Different tasks:</b>{caution}.') < page.index(
         "data-charts="
     )

@@ -319,8 +319,9 @@ def _median_text(row: FigureChange, place: int) -> str:
 def _interval_text(row: FigureChange, place: int, tested: bool) -> str:
     """Format the interval of a median; of results that are too few for tests, also the number of runs."""
     ends = dict.fromkeys(_number(row, value) for value in row.intervals[place] or ())
-    runs = f"{row.runs[place]} run{'s' * (row.runs[place] != 1)}" * (not tested)
-    return " ".join(filter(None, (f"({' … '.join(ends)})" if len(ends) > 1 else "", runs)))
+    parts = [" … ".join(ends)] * (len(ends) > 1)
+    parts += [f"{row.runs[place]} run{'s' * (row.runs[place] != 1)}"] * (not tested)
+    return f"({'; '.join(parts)})" if parts else ""
 
 
 def _number(row: FigureChange, value: float, unit: str = "") -> str:
