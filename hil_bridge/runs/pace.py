@@ -64,7 +64,7 @@ def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
     if isinstance(section, GivenController):
         section = section.tuned(tuning)
     else:
-        parameters = {**tuning.parameters, **_servo_parameters(kind, robot), **section.parameters}
+        parameters = {**tuning.parameters, **_servo_parameters(kind, config, robot), **section.parameters}
         section = section.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": parameters})
     task = config.task
     if task.travel_rise_s is None and config.frame.follow_normal:
@@ -103,11 +103,16 @@ def _tunings(kind: Any) -> tuple[Tuning, ...]:
     return tuple(tuning for tuning in declared if isinstance(tuning, Tuning))
 
 
-def _servo_parameters(kind: Any, robot: RobotFacts) -> dict[str, float]:
+def _servo_parameters(kind: Any, config: Config, robot: RobotFacts) -> dict[str, float]:
     """Return the servo parameters of a robot whose reported position is noisy, for a controller that accepts them."""
     if robot.servo is None or not robot.position_noise_m:
         return {}
-    known = {"servo_lag_ms": robot.servo.lag_s * 1e3, "servo_damping": robot.servo.damping_ratio}
+    known = {
+        "servo_lag_ms": robot.servo.lag_s * 1e3,
+        "servo_damping": robot.servo.damping_ratio,
+        "servo_speed_mm_s": config.robot.velocity_mm_s,
+        "servo_acceleration_mm_s2": config.robot.acceleration_mm_s2,
+    }
     return {name: value for name, value in known.items() if hasattr(kind, name)}
 
 

@@ -13,9 +13,11 @@ from hil_bridge.control.laws.servo import Served, Servo
 from hil_bridge.control.laws.stiffness import observe
 from hil_bridge.control.types import FINE_STEP_MM
 from hil_bridge.devices.facts import RobotFacts, ServoFacts
+from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.runs.pace import set_pace
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, read_config
+from protocol.geometry import Pose
 from protocol.marks import SettingError
 from tests.near_surface import CLOSE, merged
 
@@ -37,7 +39,7 @@ def at(position: float, commanded: float, force: float = FORCE, dt: float = DT, 
 
 def test_servo_model_starts_at_reported_position() -> None:
     ordered = at(1e-3, 1e-3 + 0.01 * LAG)
-    assert SERVO.begin(ordered, coming=False) == Served(1e-3, 0.0)
+    assert SERVO.begin(ordered, coming=False) == Served(1e-3, 0.0, ordered.commanded)
     assert SERVO.begin(ordered, coming=True).position == 1e-3
     assert SERVO.begin(ordered, coming=True).speed == pytest.approx(0.01)
 
@@ -89,7 +91,37 @@ def test_servo_model_ignores_sample_without_duration() -> None:
     assert SERVO.after(served, at(1e-4, 9e-3, dt=0.0)) == served
 
 
+def test_servo_model_follows_setpoints_of_link() -> None:
+    """A step of 1 mm, of which the link sends set points as `Ramp` does: the model follows them and not the order."""
+    speed, acceleration = 0.02, 2.0
+    servo = Servo(LAG, DAMPING, math.inf, speed, acceleration)
+    ideal, served, followed = Servo(LAG, DAMPING, math.inf), Served(0.0), Served(0.0)
+    ramp, pace = Ramp(DT), Pace(speed, 1.0, acceleration, 1.0)
+    setpoint, goal = (Pose((0.0, 0.0, depth), (1.0, 0.0, 0.0, 0.0)) for depth in (0.0, 1e-3))
+    for _ in range(100):
+        setpoint = ramp.step(setpoint, goal, pace, DT)
+        served = servo.after(served, at(0.0, 1e-3))
+        followed = ideal.after(followed, at(0.0, setpoint.position[2]))
+        assert served.position == pytest.approx(followed.position, abs=1e-5)
+    assert served.setpoint == 1e-3
+
+
+def test_servo_model_setpoint_drops_speed_at_reversal() -> None:
+    servo = Servo(LAG, DAMPING, math.inf, 0.05, 2.0)
+    served = servo.after(Served(0.0, setpoint_speed=0.05), at(0.0, -1e-3))
+    assert served.setpoint == pytest.approx(-2.0 * DT * DT)
+
+
 # --- the controller with it
+
+
+def test_predictive_order_covers_what_link_can_send() -> None:
+    """The target falls by 10 N, 2 mm at 5 kN/m: an order covers no more than 50 mm/s in a sample."""
+    controller = Predictive(**TUNED, servo_lag_ms=34.0, servo_speed_mm_s=50.0)
+    known = Stiffness(moved=1e-6, pressed=5e-3)
+    state, _ = controller.step(replace(controller.initial(), estimate=known), at(4e-3, 4e-3, 20.0), 20.0)
+    _, command = controller.step(state, at(4e-3, 4e-3, 20.0), FORCE)
+    assert command.correction == pytest.approx(-0.05 * DT)
 
 
 def control_error(**parameters: float) -> tuple[float, str]:
@@ -160,7 +192,7 @@ def test_servo_model_restarts_after_contact_loss() -> None:
     assert state.served is None
     known = replace(state, estimate=Stiffness(moved=1e-8, pressed=1e-4))
     state, _ = controller.step(known, at(5e-4, 7e-4), FORCE)
-    assert state.served == Served(5e-4, 0.0)
+    assert state.served == Served(5e-4, 0.0, 7e-4)
 
 
 def test_servo_model_without_lag_uses_reported_position() -> None:
@@ -225,6 +257,7 @@ def test_set_pace_noisy_robot_uses_servo_model() -> None:
     # 30 ms of servoj's lookahead, and two cycles to the arm
     assert result["servo_lag_ms"] == pytest.approx(34.0)
     assert result["servo_damping"] == pytest.approx(0.67, abs=0.01)
+    assert (result["servo_speed_mm_s"], result["servo_acceleration_mm_s2"]) == (50.0, 2000.0)
     slow = parameters("rtde", cell={"rtde": {"servo_gain_scale": 0.25}})
     assert slow["servo_damping"] == pytest.approx(result["servo_damping"] / 2)
 

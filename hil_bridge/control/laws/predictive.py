@@ -170,6 +170,10 @@ class Predictive:
     """
     servo_damping: float = 1.0
     """Damping ratio of the servo model."""
+    servo_speed_mm_s: float = 0.0
+    """Largest speed of the set points that the servo model receives, mm/s: that of the link; 0 for no limit."""
+    servo_acceleration_mm_s2: float = 0.0
+    """Largest acceleration of these set points, mm/s²; 0 for no limit."""
     servo_error_mm: float = 0.15
     """Largest difference between the model's position and the reported one, mm. Chosen: the largest following error of
     a Universal Robots arm here.
@@ -186,6 +190,7 @@ class Predictive:
     def __post_init__(self) -> None:
         require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
         require_above_zero(self, "servo_damping", "servo_error_mm")
+        require_not_negative(self, "servo_speed_mm_s", "servo_acceleration_mm_s2")
         require_not_negative(self, "caution", "window_ms", "landing_ms", "servo_lag_ms")
         modelled = self.servo_lag_ms > 0.0
         pairing = Pairing(
@@ -193,7 +198,13 @@ class Predictive:
             force_uncertainty_n=self.force_uncertainty_n,
             span_ms=_SPAN_MS if modelled else 0.0,
         )
-        servo = Servo(self.servo_lag_ms * 1e-3, self.servo_damping, self.servo_error_mm * 1e-3)
+        servo = Servo(
+            self.servo_lag_ms * 1e-3,
+            self.servo_damping,
+            self.servo_error_mm * 1e-3,
+            self.servo_speed_mm_s * 1e-3 or math.inf,
+            self.servo_acceleration_mm_s2 * 1e-3 or math.inf,
+        )
         object.__setattr__(self, "pairing", pairing)
         rounded, bend = (self.resolution_mm * 1e-3) ** 2 / 12, 0.5 / (self.smallest_radius_mm * 1e-3)
         object.__setattr__(self, "constants", (rounded, bend, 1.0 / self.steepest**2))
@@ -276,7 +287,7 @@ class Predictive:
             "band_n": band,
         }
         correction = 0.0 if resting else predicted - measurement.commanded
-        correction = self._limit(self._land(state, correction, measurement.dt))
+        correction = self._limit(self._land(state, correction, measurement.dt), measurement.dt)
         position, gain = measurement.commanded + correction, 1.0 / (1.0 + relative_error)
         command = Command(
             position=position,
@@ -367,11 +378,15 @@ class Predictive:
         """Return the command with the given correction for a sample in which no line is followed. Its gain is 0
         without an estimate.
         """
-        correction = self._limit(correction)
+        correction = self._limit(correction, measurement.dt)
         gain = 1.0 / (1.0 + estimate.relative_error(self.pairing))
         return Command(measurement.commanded + correction, correction, estimate.value, gain)
 
-    def _limit(self, correction: float) -> float:
-        """Return the correction limited to the largest correction of one sample, m."""
+    def _limit(self, correction: float, dt: float) -> float:
+        """Return the correction limited to the largest correction of one sample, m, and to the distance that a set
+        point covers in the duration of the sample, `dt`, s.
+        """
         limit = self.step_limit_mm * 1e-3
+        if self.servo is not None:
+            limit = min(limit, self.servo.setpoint_m_s * dt)
         return within(correction, -limit, limit)
