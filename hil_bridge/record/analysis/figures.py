@@ -112,7 +112,7 @@ _TABLE = (
         "rise_s",
         "rise time",
         "s",
-        "time from the first tracked sample to the first one at 90 % of the target",
+        "time from the first tracked sample to 90 % of the target",
         least=0.02,
     ),
     Definition(
