@@ -7,6 +7,7 @@ import re
 import sqlite3
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 from platform import python_version
 from socket import gethostname
@@ -254,6 +255,16 @@ def test_distributions_begin_with_most_information(results: Path) -> None:
     ]
     heights = [float(height) for height in re.findall(r'<rect .*?height="(.*?)"', second)]
     assert heights[1] / heights[0] == pytest.approx(math.log(2) / math.log(100), abs=0.01)
+
+
+def test_dots_of_near_values_do_not_hide_each_other(results: Path) -> None:
+    with Store.open(results) as store:
+        plan, (run, *_) = replace(store.plan(), criteria=()), store.runs()
+    values = (0.0, 0.1, 0.15, 0.3, 4.0, 4.2, 10.0)
+    picture = distributions(plan, [replace(run, figures={"overshoot_percent": value}) for value in values])
+    dots = [(float(x), float(y)) for x, y in re.findall(r'<circle cx="(.*?)" cy="(.*?)"', picture)]
+    assert len(dots) == len(values)
+    assert min(math.dist(one, other) for one, other in combinations(dots, 2)) > 7.9
 
 
 def test_distribution_leaves_extreme_values_outside_axis(results: Path) -> None:

@@ -118,7 +118,8 @@ def _measure_of(plan: Plan, runs: Sequence[Done], by_case: Mapping[int, Sequence
         if run.number in texts and (share := share_of_bound(run)):
             shares[run.number] = max(shares.get(run.number, 0.0), share)
     texts |= {case: f"{texts[case]} · {100.0 * share:.0f} %" for case, share in shares.items()}
-    return _Measure(texts, shares, words + " and the largest share of its bound" * bool(shares))
+    meaning = " and the largest share of its bound: what guard, robot and sensor permit, and its faults add"
+    return _Measure(texts, shares, words + meaning * bool(shares))
 
 
 def _layout_of(plan: Plan) -> _Layout:

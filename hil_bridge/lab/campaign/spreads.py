@@ -216,15 +216,18 @@ class _Picture:
 
     def _dots(self) -> tuple[list[str], int]:
         """Return a dot for each value, on top of dots that it would hide, and the height of the axis."""
-        places = [round(self._x(value) / _DOT) for value in self._values]
-        base = self._room + _PILE
-        step = min(_DOT, _PILE / max(Counter(places).values()))
-        below: Counter[int] = Counter()
+        ends: list[float] = []  # place of the last dot of each row, px, the lowest row first
+        dots = []
+        for value in self._values:
+            at = self._x(value)
+            row = next((row for row, end in enumerate(ends) if at - end >= _DOT), len(ends))
+            ends[row:] = [at, *ends[row + 1 :]]
+            dots.append((value, at, row))
+        base, step = self._room + _PILE, min(_DOT, _PILE / len(ends))
         parts = []
-        for place, value in zip(places, self._values, strict=True):
-            y = base - _DOT / 2 - step * below[place]
-            below[place] += 1
-            style, at = ' class="bad"' * (self._bad[value] > 0), self._x(value)
+        for value, at, row in dots:
+            y = base - _DOT / 2 - step * row
+            style = ' class="bad"' * (self._bad[value] > 0)
             self._bad[value] -= 1
             parts.append(
                 f'<circle{style} cx="{at:.1f}" cy="{y:.1f}" r="{_DOT / 2 - 0.5}">'

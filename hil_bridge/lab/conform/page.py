@@ -14,6 +14,7 @@ from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.show.charts.end_panel import unbreakable
 from hil_bridge.show.pages import document
 from hil_bridge.show.pages.timeline import timeline
+from hil_bridge.show.report.identity import EMULATED
 from hil_bridge.show.report.markup import across, cells, fold, pairs, prose
 from hil_bridge.show.report.markup import command as render_command
 from protocol.marks import settings
@@ -43,7 +44,8 @@ def conform_page(
     badge = outcome + ", timing uncertain" * any(lateness(failed or results))
     notes = "".join(f'<p class="quiet">Note: {escape(text)}.</p>' for text in not_modelled(results))
     rules = [(one.name, f"{one.value!s} {one.info.unit}", one.info.meaning) for one in settings(trial.rules)]
-    body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badge {style}">{badge}</span></header>
+    body = f"""<header class="headline"><h1>{escape(title)}</h1><span class="badges">
+<span class="badge {style}">{badge}</span><span class="badge plain">{EMULATED}</span></span></header>
 <p class="quiet small">Client <code title="{escape(shlex.join(command))}">{escape(short)}</code>, {tested}
 with hil-bridge {escape(released())}, suite {SUITE_VERSION}.</p>
 <p class="point">{prose(unbreakable(_verdict(results, failed)))}</p>

@@ -53,9 +53,8 @@ var HilMarks = (() => {
     for (const {span, left, right} of places(charts, chart, u, box)) {
       if (span.kind === "fault") continue;
       const from = Math.max(left, box.left), to = Math.min(right, box.left + box.width);
-      const text = cut(ctx, span.text, Infinity), width = ctx.measureText(text).width, narrow = width > to - from - 4 * ratio;
-      const at = narrow ? to - width - 3 * ratio : (from + to - width) / 2;
-      if (at < free || (narrow && to < box.left + box.width)) continue;   // the last one may begin before its span
+      const text = cut(ctx, span.text, Infinity), width = ctx.measureText(text).width, at = (from + to - width) / 2;
+      if (width > to - from - 4 * ratio || at < free) continue;
       ctx.fillText(text, at, box.top + 3 * ratio);
       free = at + width + 4 * ratio;
     }
@@ -121,6 +120,7 @@ var HilMarks = (() => {
     ink(charts, one, scene);
     const gap = 5 * ratio, text = cut(ctx, one.short || one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
     const leftwards = x + width + 2 * gap > box.left + box.width;
+    if (leftwards && 3 * width > box.width) return;   // it would cover the lines before it
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
     let row = 0;   // at the bottom, where a pressing force leaves space, and stacked if they would overlap
     while (scene.taken.some(other => other.row === row && from < other.to && from + width > other.from)) row++;

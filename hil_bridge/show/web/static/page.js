@@ -100,7 +100,7 @@
     margin("resultant", now.resultant, scene.limits.resultant, "N");
     margin("moment", now.moment, scene.limits.moment, "N·m");
     const [, , , mx, my, mz] = now.wrench || [];
-    list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx, my, mz", now.wrench ? `${[mx, my, mz].map(one => fixed(one, 3)).join("\u2002")} N·m` : "–"]]);
+    list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx, my, mz", now.wrench ? `${[mx, my, mz].map(one => fixed(one, 3)).join("\u2002")}\u00a0N·m` : "–"]]);
     list("motion", [["depth, reported", fixed(now.depth_mm, 3, "mm")], ["depth, commanded", fixed(now.commanded_mm, 3, "mm")],
       ["correction", now.resting ? "0 mm, dead band" : signed(now.correction_mm, 3, "mm")], ["travel", fixed(now.travel_mm, 1, "mm")],
       ["stiffness", Number.isFinite(now.stiffness) ? `${Number(now.stiffness.toPrecision(3)).toLocaleString("en").replace(/,/g, "\u202f")} N/m` : "–"],
@@ -117,7 +117,7 @@
     const lines = [[`link errors${scope}`, ...counted(now.link_errors)], [`frames lost${scope}`, ...counted(now.frames_lost)]];
     for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} out, ${received} in`]);
     if (now.dropped) lines.push(["not displayed", `${now.dropped} records`, "warn"]);
-    if (troubles) lines.push(["errors", troubles, "wide warn"]);
+    if (troubles) lines.push(["disturbances", troubles, "warn"]);
     const check = now.zero || now.check, listed = [...$("list").children].some(one => one.dataset.text === check);
     if (check && !listed) lines.push(["sensor", check, "wide"]);
     list("health", lines);
