@@ -201,10 +201,10 @@ def test_trend_of_single_runs_is_not_tested(short_results: Path, before: Path, t
     assert "<h2>Primary figures, single runs</h2>" in text
     assert "<h2>Largest differences, not tested</h2>" in text
     assert "adjusted p" not in text + lines
-    assert '<td class="count" data-title="○ left">8.00 N <small>(1\u00a0run)</small></td>' in text
+    assert '<td class="count" data-title="○ left">8.00 N <small>(1 run)</small></td>' in text
     assert '<td class="count" data-title="difference">+2.00 N</td>' in text
     assert re.search(
-        r"the force_true_max_n +task.force_n 8.0 +8.00 N \(1.run\) \* +10.0 N \(1.run\) +\+2.00 N\n", lines
+        r"the force_true_max_n +task.force_n 8.0 +8.00 N \(1 run\) \* +10.0 N \(1 run\) +\+2.00 N\n", lines
     )
 
 

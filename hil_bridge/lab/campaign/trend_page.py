@@ -320,7 +320,7 @@ def _interval_text(row: FigureChange, place: int, tested: bool) -> str:
     """Format the interval of a median; of results that are too few for tests, also the number of runs."""
     ends = dict.fromkeys(_number(row, value) for value in row.intervals[place] or ())
     parts = [" … ".join(ends)] * (len(ends) > 1)
-    parts += [f"{row.runs[place]}\u00a0run{'s' * (row.runs[place] != 1)}"] * (not tested)
+    parts += [f"{row.runs[place]} run{'s' * (row.runs[place] != 1)}"] * (not tested)
     return f"({'; '.join(parts)})" if parts else ""
 
 
