@@ -177,10 +177,12 @@ def test_page_repeats_scenario_with_same_rules() -> None:
 def test_numbers_of_close_moments_do_not_overlap() -> None:
     close = [Moment(0.001 * k, f"moment {k}") for k in range(8)]
     text = timeline(TimeLine([*close, Moment(2.0, "<end>")], [Interval("lane", 0.0, 1.0)], "the stop"))
-    places = [float(place) for place in re.findall(r'<circle cx="([\d.]+)%"', text)]
-    assert len(places) == 9
-    assert all(after - before >= 9.1 for before, after in pairwise(places))
-    assert 4.5 <= places[0] < places[-1] <= 95.5
+    narrow, wide = text.split('<g class="wide">')
+    for part, apart in ((narrow, 9.1), (wide, 3.3)):
+        places = [float(place) for place in re.findall(r'<circle cx="([\d.]+)%"', part)]
+        assert len(places) == 9
+        assert all(after - before >= apart for before, after in pairwise(places))
+        assert 4.5 <= places[0] < places[-1] <= 95.5
     assert "&lt;end&gt;" in text
     assert timeline(TimeLine([], [], "the stop")) == ""
 

@@ -111,7 +111,11 @@ NOT_GUIDED = (
 ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log"
 SESSION = "the controller started another EGM session"
 REFUSALS: dict[str, tuple[str, str, str]] = {
-    "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch the motors on"),
+    "motors off": (
+        fault("robot", "motors-off"),
+        "",
+        "the motors are off; release a pressed emergency stop, switch the motors on",
+    ),
     "program stopped": (
         fault("robot", "program-stopped"),
         "",

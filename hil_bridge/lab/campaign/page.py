@@ -109,6 +109,7 @@ class PageBody:
         others = [run for run in failed if worst is None or run.key != worst.key]
         figures = list(figure_results(plan, runs))
         cell, rows = self._cell(store, worst), primary_results(plan, figures)
+        nearest, criteria = self._nearest(store, plan, runs, worst), _criteria(plan, runs)
         primary = f"<h2>Primary figures</h2>{_figures(rows)}" if rows else ""
         return f"""{_head(plan, tally, planned)}
 <p class="point">{prose(unbreakable(point(plan, runs, planned)))}</p>
@@ -117,7 +118,8 @@ class PageBody:
 {matrix(plan, runs)}
 {primary}
 <div class="pair"><section class="rest">{hunted + cell if hunted else self._worst(store, plan, worst, cell)}
-</section><section>{_criteria(plan, runs)}{self._nearest(store, plan, runs, worst)}</section></div>
+</section><section>{nearest or criteria}</section></div>
+{criteria if nearest else ""}
 {fold(self._others(store, plan, others), "more-failed")}
 <h2>Distribution of the figures</h2>
 {distributions(plan, runs)}

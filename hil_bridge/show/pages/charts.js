@@ -395,7 +395,7 @@ var HilCharts = (() => {
       box.append(title);
       this.stack.append(box);
       const options = {
-        width: this.width(box), height: spec.height_px || 180, padding: [6, 10, 0, 0],
+        width: this.width(box), height: spec.height_px || 180, padding: [6, 16, 0, 0],
         legend: {markers: {dash: (u, k) => (k === 0 ? "solid" : lines[k - 1].dashed ? (lines[k - 1].colour === "target" ? "dotted" : "dashed") : lines[k - 1].style === "points" ? "dotted" : "solid")}},
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
         scales: {x: {time: false, auto: false, distr: this.spec.axes[axis].log ? 3 : 1}, y: {distr: spec.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},

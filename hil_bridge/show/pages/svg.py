@@ -140,7 +140,7 @@ def interval_plot(first: Interval | None, last: Interval | None, best: float | N
 
     def x(value: float) -> str:
         """Return a place as a share of the width, which leaves room for marks and arrows at the ends."""
-        return f"{min(2.0 + 91.0 * (value - low) / span, 99.0):.1f}%"
+        return f"{min(2.0 + 86.0 * (value - low) / span, 99.0):.1f}%"
 
     parts = [f'<line class="best" x1="{x(best)}" x2="{x(best)}" y2="22"/>'] if best is not None else []
     for (least, value, most), y in drawn:

@@ -16,8 +16,10 @@ _NAMES_PX = 118
 """Width of the names of the lanes, px; the same in the style sheet."""
 _PHONE_PX = 240.0
 """Width for which labels and marks are spaced. Chosen: a phone."""
-_APART = 9.2
-"""Smallest distance between two numbers, % of the width. Chosen: 22 px on a phone."""
+_APART = {"narrow": 9.2, "wide": 3.4}
+"""Smallest distance between two numbers, % of the width, by the width of the page. Chosen: 22 px on a phone and on a
+page of 640 px.
+"""
 _EDGE = 4.6
 """Distance of the first and the last number from the edges, % of the width. Chosen: half a number on a phone."""
 _BEFORE_PX = 112.0
@@ -132,7 +134,11 @@ class _Drawing:
 
     def render(self, moments: Sequence[Moment]) -> str:
         """Render the drawing; `moments` are in order of time."""
-        parts = (*self._intervals(), *self._axis(), *self._marks(moments), *self._names())
+        marks = (
+            f'<g class="{width}">{"".join(self._marks(moments, apart))}</g>'
+            for width, apart in _APART.items()
+        )
+        parts = (*self._intervals(), *self._axis(), *marks, *self._names())
         label = f"Time line; 0 s is {self._line.zero}. The list below has its moments."
         return (
             f'<svg width="100%" height="{self._bottom + _AXIS_PX}" role="img" aria-label="{escape(label)}">'
@@ -177,13 +183,13 @@ class _Drawing:
         ticks = round_numbers(self._low, self._high, _PHONE_PX)
         if min(ticks, default=0.0) >= 0.0 > self._low:
             before = round_numbers(0.0, -self._low, _BEFORE_PX)[-1]
-            ticks += [-before] * (self._x(0.0) - self._x(-before) >= _APART)
+            ticks += [-before] * (self._x(0.0) - self._x(-before) >= _APART["narrow"])
         return [at for at in ticks if 1.0 < self._x(at) < 99.0]
 
-    def _marks(self, moments: Sequence[Moment]) -> Iterator[str]:
+    def _marks(self, moments: Sequence[Moment], apart: float) -> Iterator[str]:
         """Yield a line across the lanes for each moment, and its number above."""
         places = [self._x(one.at) for one in moments]
-        for count, (one, x, label) in enumerate(zip(moments, places, _spread(places), strict=True), 1):
+        for count, (one, x, label) in enumerate(zip(moments, places, _spread(places, apart), strict=True), 1):
             yield (
                 f'<g class="{one.tone}"><line x1="{label:.2f}%" x2="{x:.2f}%" y1="20" y2="{_TOP_PX - 8}"/>'
                 f'<line x1="{x:.2f}%" x2="{x:.2f}%" y1="{_TOP_PX - 8}" y2="{self._end}"/>'
@@ -192,9 +198,9 @@ class _Drawing:
             )
 
 
-def _spread(places: Sequence[float]) -> list[float]:
+def _spread(places: Sequence[float], apart: float) -> list[float]:
     """Move increasing places apart, so that their numbers do not overlap and none is beyond an edge."""
-    apart = min(_APART, (100.0 - 2.0 * _EDGE) / max(len(places) - 1, 1))
+    apart = min(apart, (100.0 - 2.0 * _EDGE) / max(len(places) - 1, 1))
     moved: list[float] = []
     for place in places:
         moved.append(max(place, moved[-1] + apart if moved else _EDGE))

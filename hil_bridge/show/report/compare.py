@@ -367,7 +367,8 @@ def _change_cells(title: str, text: str, share: float) -> str:
         f"left:{50.0 - width * (share < 0.0):.0f}%;width:{width:.0f}%;background:var(--c{1 + (share > 0.0)})"
     )
     bar = f'<i class="change"><b style="{place}"></b></i>' * bool(text)
-    return f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td><td>{bar}</td>'
+    cell = f'<td class="{style}" data-title="{escape(title)}">{escape(text)}</td>'
+    return f'{cell}<td class="bars" data-title="farther from 0">{bar}</td>'
 
 
 def _best(summaries: Sequence[Summary]) -> dict[str, set[int]]:

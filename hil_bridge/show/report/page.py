@@ -40,8 +40,8 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """File names of the picture, by the kind of file."""
 EVENTS_MAX = 500
-_FIRST_PX = 130
-"""Height of the first chart on the page of the cell, px. Chosen: the cell is more than half of a screen."""
+_FIRST_PX = 190
+"""Height of the first chart on the page of the cell, px. Chosen: an overshoot of 10 % is visible."""
 
 
 def write_report(

@@ -9,7 +9,10 @@ _FAULTS: tuple[tuple[str, frozenset[int], Trouble], ...] = (
     (
         "motors",
         frozenset({Motors.ON}),
-        Trouble("the motors are off", "switch the motors on and start the RAPID program"),
+        Trouble(
+            "the motors are off",
+            "release a pressed emergency stop, switch the motors on and start the RAPID program",
+        ),
     ),
     (
         "rapid",
