@@ -111,7 +111,8 @@ def test_compare_of_two_runs_has_differences() -> None:
         f'<td class="{style}" data-title="{title}">{text}</td>' for style, title, text in values
     )
     assert "<th>b − a</th>" in page
-    bar = '<td class="bars" data-title="farther from 0"><i class="change"><b style="left:12%;width:38%;background:var(--c1)">'
+    bar = '<td class="bars" data-title="farther from 0"><i class="change"><b style='
+    bar += '"left:12%;width:38%;background:var(--c1)">'
     assert line + bar in page
     error = re.search(r'">steady mean error</td>(.*?)</tr>', page)
     assert error is not None
