@@ -200,7 +200,11 @@ def test_force_above_limit_retracts_with_cause(bench: RunBench) -> None:
 def test_emergency_stop_in_track_ends_run_by_name(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now())))
     assert run.result.outcome is Outcome.STOPPED
-    assert "the robot cannot move: emergency stop, in standby; release it" in run.result.text
+    assert (
+        "the robot cannot move: emergency stop, in standby; it reported operational error 13"
+        in run.result.text
+    )
+    assert "; release it at the controller's panel" in run.result.text
     assert "13 stop or emergency stop" in run.result.followed[0].text
     assert run.result.left.startswith("NOT retracted: left at ")
     assert run.true_force > 5.0, "the robot accepted no order to retract"
