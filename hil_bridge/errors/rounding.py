@@ -18,7 +18,7 @@ def three_digits(value: float, bounds: Iterable[float] = ()) -> str:
     rounded = (float(f"{value:.{digits}g}") for digits in _DIGITS)
     nearest = next((one for one in rounded if [_side(one, limit) for limit in limits] == sides), value)
     shortest, padded = repr(nearest + 0.0).removesuffix(".0"), f"{nearest:#.3g}".rstrip(".")
-    short = value == round(value) or "e" in padded
+    short = float(value).is_integer() or "e" in padded
     return (shortest if short else max(shortest, padded, key=len)).replace("-", "−")
 
 
