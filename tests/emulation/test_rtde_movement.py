@@ -132,7 +132,7 @@ def test_fault_after_movement_keeps_arm_stationary() -> None:
 
 STOPS = [
     ("robot", "protective-stop", {}, "protective stop; find its cause"),
-    ("robot", "emergency-stop", {}, "emergency stop; release it"),
+    ("robot", "emergency-stop", {}, "emergency stop; release the"),
     ("robot", "safeguard-stop", {}, "safeguard stop; close"),
     ("robot", "program-stopped", {}, "our program is stopped"),
     ("robot", "program-paused", {}, "our program is paused"),

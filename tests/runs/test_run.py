@@ -204,7 +204,7 @@ def test_emergency_stop_in_track_ends_run_by_name(bench: RunBench) -> None:
         "the robot cannot move: emergency stop, in standby; it reported operational error 13"
         in run.result.text
     )
-    assert "; release it at the controller's panel" in run.result.text
+    assert "; release the emergency stop at the controller's panel" in run.result.text
     assert "13 stop or emergency stop" in run.result.followed[0].text
     assert run.result.left.startswith("NOT retracted: left at ")
     assert run.true_force > 5.0, "the robot accepted no order to retract"
@@ -268,7 +268,7 @@ def test_interrupted_run_retracts_and_reports_it(bench: RunBench) -> None:
 
 
 def test_run_in_emergency_stop_does_not_move(bench: RunBench) -> None:
-    stop = r"emergency stop, in standby; it reported operational error 13\.0, .* s before; release it at the"
+    stop = r"emergency stop, in standby; it reported operational error 13\.0, .* s before; release the"
     with pytest.raises(DeviceError, match=stop):
         bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
 

@@ -14,7 +14,7 @@ def find_trouble(report: Report, alarm: str) -> Trouble:
     """Return the reason; empty if the controller follows commands. `alarm` is the newest alarm that was read."""
     status = report.robot_status
     if status & RobotStatus.EMERGENCY_STOP:
-        return Trouble("the emergency stop is pressed", f"release it, {_AGAIN}")
+        return Trouble("the emergency stop is pressed", f"release the emergency stop, {_AGAIN}")
     if status & RobotStatus.PENDANT:
         return Trouble("its teach pendant is on", f"switch it off, {_AGAIN}")
     if contact := _CONTACTS.get(report.contact_stop):  # type: ignore[call-overload]

@@ -11,7 +11,7 @@ _STOPS = tuple(
             SafetyBits.ROBOT_EMERGENCY_STOPPED
             | SafetyBits.SYSTEM_EMERGENCY_STOPPED
             | SafetyBits.EMERGENCY_STOPPED,
-            Trouble("emergency stop", "release it, power the robot on, and start again"),
+            Trouble("emergency stop", "release the emergency stop, power the robot on, and start again"),
         ),
         (
             SafetyBits.VIOLATION | SafetyBits.FAULT,

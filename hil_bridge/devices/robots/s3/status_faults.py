@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from protocol.devices.s3.arap import Status
 
 _STATES = (
-    ("emergency_stop", True, "emergency stop", "release it at the controller's panel"),
+    ("emergency_stop", True, "emergency stop", "release the emergency stop at the controller's panel"),
     ("key_auto", False, "key not in AUTO", "turn it (or see robot.s3.link.check_flags)"),
     (
         "local",
