@@ -7,7 +7,6 @@ import csv
 import json
 import math
 import statistics
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,8 +27,8 @@ JSON_DEPTH = 3
 UR10E = "UR10e and its published figures"
 """Name of the campaign of the emulated UR10e."""
 
-
-COLUMNS = [one for name in ("force", "moved") for one in read_plan(CAMPAIGNS / f"{name}.toml").primary]
+FORCE, MOVED = (read_plan(CAMPAIGNS / f"{name}.toml") for name in ("force", "moved"))
+COLUMNS = [*FORCE.primary, *MOVED.primary]
 """Columns of the table of results: the primary figures of the campaigns."""
 COMPARED = (
     "settle_10n_s",
@@ -83,9 +82,10 @@ def results_table(figures: Mapping[str, Any]) -> str:
     for campaign, results in figures.items():
         if campaign != UR10E:
             for name, result in results.items():
-                row = rows.setdefault(name, {"facts": Counter()})
-                row["facts"].update(result["facts"])
-                row |= {case: values for case, values in result.items() if case != "facts"}
+                row = rows.setdefault(name, {})
+                row |= {
+                    key: value for key, value in result.items() if key != "facts" or campaign == FORCE.name
+                }
     head = [
         "robot, sensor, controller",
         "passed",
