@@ -104,15 +104,16 @@ def _tunings(kind: Any) -> tuple[Tuning, ...]:
 
 
 def _servo_parameters(kind: Any, config: Config, robot: RobotFacts) -> dict[str, float]:
-    """Return the servo parameters of a robot whose reported position is noisy, for a controller that accepts them."""
-    if robot.servo is None or not robot.position_noise_m:
-        return {}
-    known = {
-        "servo_lag_ms": robot.servo.lag_s * 1e3,
-        "servo_damping": robot.servo.damping_ratio,
-        "servo_speed_mm_s": config.robot.velocity_mm_s,
-        "servo_acceleration_mm_s2": config.robot.acceleration_mm_s2,
-    }
+    """Return the speed of the link's set points, and the servo of a robot whose reported position is noisy, as
+    parameters that the controller accepts.
+    """
+    known = {"servo_speed_mm_s": config.robot.velocity_mm_s}
+    if robot.servo is not None and robot.position_noise_m:
+        known |= {
+            "servo_lag_ms": robot.servo.lag_s * 1e3,
+            "servo_damping": robot.servo.damping_ratio,
+            "servo_acceleration_mm_s2": config.robot.acceleration_mm_s2,
+        }
     return {name: value for name, value in known.items() if hasattr(kind, name)}
 
 

@@ -115,13 +115,21 @@ def test_servo_model_setpoint_drops_speed_at_reversal() -> None:
 # --- the controller with it
 
 
-def test_predictive_order_covers_what_link_can_send() -> None:
-    """The target falls by 10 N, 2 mm at 5 kN/m: an order covers no more than 50 mm/s in a sample."""
-    controller = Predictive(**TUNED, servo_lag_ms=34.0, servo_speed_mm_s=50.0)
-    known = Stiffness(moved=1e-6, pressed=5e-3)
-    state, _ = controller.step(replace(controller.initial(), estimate=known), at(4e-3, 4e-3, 20.0), 20.0)
-    _, command = controller.step(state, at(4e-3, 4e-3, 20.0), FORCE)
-    assert command.correction == pytest.approx(-0.05 * DT)
+@pytest.mark.parametrize(
+    ("lag_ms", "dt", "move"), [(34.0, DT, 0.05 * DT), (0.0, DT, 1e-3), (0.0, 0.03, 1.5e-3)]
+)
+def test_predictive_order_covers_what_link_can_send(lag_ms: float, dt: float, move: float) -> None:
+    """The target falls by 10 N, 2 mm at 5 kN/m, and the link sends 50 mm/s: with a model of the servo, an order covers
+    that in a sample; without it, it leads the robot by that in 20 ms or a sample.
+    """
+    controller = Predictive(**TUNED, servo_lag_ms=lag_ms, servo_speed_mm_s=50.0)
+    known = replace(controller.initial(), estimate=Stiffness(moved=1e-6, pressed=5e-3))
+    state, _ = controller.step(known, at(4e-3, 4e-3, 20.0, dt), 20.0)
+    state, command = controller.step(state, at(4e-3, 4e-3, 20.0, dt), FORCE)
+    assert command.correction == pytest.approx(-move)
+    if not lag_ms:
+        _, command = controller.step(state, at(4e-3, command.position, 20.0, dt), FORCE)
+        assert command.correction == pytest.approx(0.0)
 
 
 def control_error(**parameters: float) -> tuple[float, str]:
@@ -260,6 +268,14 @@ def test_set_pace_noisy_robot_uses_servo_model() -> None:
     assert (result["servo_speed_mm_s"], result["servo_acceleration_mm_s2"]) == (50.0, 2000.0)
     slow = parameters("rtde", cell={"rtde": {"servo_gain_scale": 0.25}})
     assert slow["servo_damping"] == pytest.approx(result["servo_damping"] / 2)
+
+
+@pytest.mark.parametrize("robot", ["egm", "rsi"])
+def test_set_pace_streaming_robot_gets_speed_of_its_link(robot: str) -> None:
+    result = parameters(robot)
+    assert {name: value for name, value in result.items() if name.startswith("servo")} == {
+        "servo_speed_mm_s": 50.0
+    }
 
 
 def test_set_pace_trailing_set_point_adds_lag() -> None:

@@ -64,6 +64,10 @@ _SPAN_MS = 100.0
 """`Pairing.span_ms` for a controller with a model of the servo, which has no dead band. Chosen: after this time,
 the following error of a Universal Robots arm has changed; see `follow_error_ms` of the emulated arm.
 """
+_LEAD_S = 0.02
+"""Time for which an order leads the robot at most, at `servo_speed_mm_s`, s. Chosen: the guard gives the robot 80 ms to
+carry out an order, of which the link and the servo take about 50 ms.
+"""
 _NEAR_SHARE = 0.03
 """Force error below which the first touch is over, as a share of the desired force. Chosen."""
 _LANDINGS = 3.0
@@ -171,9 +175,11 @@ class Predictive:
     servo_damping: float = 1.0
     """Damping ratio of the servo model."""
     servo_speed_mm_s: float = 0.0
-    """Largest speed of the set points that the servo model receives, mm/s: that of the link; 0 for no limit."""
+    """Largest speed of the set points that the link sends, mm/s: an order leads the robot by no more than it covers in
+    20 ms or a sample. 0 for no limit.
+    """
     servo_acceleration_mm_s2: float = 0.0
-    """Largest acceleration of these set points, mm/s²; 0 for no limit."""
+    """Largest acceleration of the set points that the servo model receives, mm/s²; 0 for no limit."""
     servo_error_mm: float = 0.15
     """Largest difference between the model's position and the reported one, mm. Chosen: the largest following error of
     a Universal Robots arm here.
@@ -287,7 +293,7 @@ class Predictive:
             "band_n": band,
         }
         correction = 0.0 if resting else predicted - measurement.commanded
-        correction = self._limit(self._land(state, correction, measurement.dt), measurement.dt)
+        correction = self._limit(self._land(state, correction, measurement.dt), measurement)
         position, gain = measurement.commanded + correction, 1.0 / (1.0 + relative_error)
         command = Command(
             position=position,
@@ -378,15 +384,18 @@ class Predictive:
         """Return the command with the given correction for a sample in which no line is followed. Its gain is 0
         without an estimate.
         """
-        correction = self._limit(correction, measurement.dt)
+        correction = self._limit(correction, measurement)
         gain = 1.0 / (1.0 + estimate.relative_error(self.pairing))
         return Command(measurement.commanded + correction, correction, estimate.value, gain)
 
-    def _limit(self, correction: float, dt: float) -> float:
-        """Return the correction limited to the largest correction of one sample, m, and to the distance that a set
-        point covers in the duration of the sample, `dt`, s.
+    def _limit(self, correction: float, measurement: Measurement) -> float:
+        """Return the correction limited to the largest correction of one sample, m, and to what the link can send in
+        time. With a model of the servo, a set point covers it in the duration of the sample.
         """
-        limit = self.step_limit_mm * 1e-3
+        limit, speed, dt = self.step_limit_mm * 1e-3, self.servo_speed_mm_s * 1e-3, measurement.dt
         if self.servo is not None:
             limit = min(limit, self.servo.setpoint_m_s * dt)
+        elif speed > 0.0:
+            lead, ahead = speed * max(dt, _LEAD_S), measurement.commanded - measurement.position
+            correction = within(correction, min(-lead - ahead, 0.0), max(lead - ahead, 0.0))
         return within(correction, -limit, limit)
